@@ -48,6 +48,23 @@ def read_npy(path: Path) -> NDArray[Any]:
     return loaded
 
 
+def read_weights(
+    path: Path | str, error: type[ValueError] = ValueError
+) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Metadata and weights of a safetensors file.
+
+    Raises:
+        ValueError: `error`; there is no such file, or another one.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, "pt") as file:
+            return file.metadata() or {}, {name: file.get_tensor(name) for name in file.keys()}
+    except (OSError, SafetensorError) as wrong:
+        raise error(f"{path}: is missing, damaged or no safetensors file: {wrong}") from None
+
+
 def save_weights(
     path: Path | str, weights: Mapping[str, Tensor], about: dict[str, str], half: bool = True
 ) -> None:

@@ -3,6 +3,8 @@
 import pytest
 
 from knotflow.execution import DynamicsTrainer, DynamicsTrainingConfig, LstmConfig, Motions
+from knotflow.execution.lstm_dynamics import LstmDynamics
+from knotflow.perception.networks.network import SHIPPED_NETWORK
 
 SMALL = DynamicsTrainingConfig(
     network=LstmConfig(hidden=12),
@@ -35,3 +37,14 @@ def test_motions_of_another_rope_are_refused(motions):
     config = DynamicsTrainingConfig(network=LstmConfig(links=32))
     with pytest.raises(ValueError, match="33 vertices"):
         DynamicsTrainer(motions, config, seed=0)
+
+
+def test_a_file_of_other_weights_is_named(tmp_path):
+    (tmp_path / "junk.safetensors").write_text("junk")
+    for path, told in (
+        (SHIPPED_NETWORK, "holds no LSTM dynamics"),
+        (tmp_path / "junk.safetensors", "no safetensors file"),
+        (tmp_path / "none.safetensors", "missing"),
+    ):
+        with pytest.raises(ValueError, match=f"{path.name}: .*{told}"):
+            LstmDynamics.load(path)

@@ -212,6 +212,9 @@ def test_changed_shipped_weights_and_unknown_experiments_are_stale(results):
     run["ships"] = {"samplers/primitives/data": {"node": "throughput", "digest": "0" * 16}}
     file.write_text(json.dumps(run))
     assert {one.where for one in stale(results)} == {"gone", "samplers/primitives/data"}
+    file.write_text(json.dumps(run | {"ships": {}, "overrides": ["rope.root=head"]}))
+    found = {one.where: one.reasons for one in stale(results)}
+    assert "do not fit today's: Could not override 'rope.root'" in found["benchmark"][0]
 
 
 def test_results_of_other_values_are_compared_with_these(results):

@@ -68,6 +68,9 @@ def test_what_is_no_plan_is_refused(plan):
         (json.dumps(data | {"start_state": "knotty"}), "knotty"),
         (json.dumps(data | {"start_state": None}), "None is not a state's text"),
         (json.dumps(data | {"tried": [1]}), "cannot be read"),
+        (json.dumps(data | {"radius_m": None}), "cannot be read"),
+        (json.dumps(data | {"steps": [data["steps"][0] | {"spline": 1.5}]}), "cannot be read"),
+        (json.dumps(data | {"worlds": 16, "survived": []}), "it survived 0 of 3 steps"),
         ("[" * 100_000, "cannot be read"),
     ]:
         with pytest.raises(PlanFormatError, match=message):

@@ -69,6 +69,11 @@ def test_strands_of_random_curves_do_not_touch(rng):
         assert between[far].min() >= 2 * rope.radius
 
 
+def test_a_rope_too_short_to_touch_itself_has_curves(rng):
+    rope = RopeConfig(radius=0.1, links=10)
+    assert random_curve(rope, rng).shape == (11, 3)
+
+
 def test_equal_seeds_give_equal_starts():
     rope = RopeConfig()
     one, other = (random_curve(rope, np.random.default_rng(5)) for _ in range(2))

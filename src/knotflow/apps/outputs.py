@@ -6,8 +6,8 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -123,13 +123,11 @@ def write_plan(
             path.replace(folder / path.name)
 
 
-@contextmanager
-def atomic(path: Path) -> Iterator[Path]:
+def atomic(path: Path) -> AbstractContextManager[Path]:
     """A temporary path that becomes `path` on leaving, see `workflow.store.atomic`."""
     from knotflow.workflow import store  # slow to import
 
-    with store.atomic(path) as temporary:
-        yield temporary
+    return store.atomic(path)
 
 
 def check_free(path: Path, option: str = "--out") -> None:
@@ -141,7 +139,8 @@ def check_free(path: Path, option: str = "--out") -> None:
 
 def check_writable(path: Path) -> None:
     """Raises `ValueError` where nothing can be written."""
-    folder = next(one for one in path.absolute().parents if one.exists())
+    place = path.absolute()
+    folder = next((one for one in place.parents if one.exists()), place)
     try:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError:

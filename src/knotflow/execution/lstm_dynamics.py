@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
-from knotflow.arrays import save_weights
+from knotflow.arrays import read_weights, save_weights
 from knotflow.execution.dynamics import (
     JUDGED_STEPS,
     SHIPPED_DYNAMICS,
@@ -117,17 +117,18 @@ class LstmDynamics(nn.Module):
 
     @classmethod
     def load(cls, path: Path = SHIPPED_DYNAMICS) -> LstmDynamics:
-        """Read what `save` wrote."""
-        from safetensors import safe_open
+        """Read what `save` wrote.
 
-        with safe_open(path, "pt") as file:
-            written = file.metadata()
-            weights = {name: file.get_tensor(name).float() for name in file.keys()}
-        config = LstmConfig(
-            **{name: type(default)(written[name]) for name, default in asdict(LstmConfig()).items()}
-        )
-        model = cls(config)
-        model.load_state_dict(weights)
+        Raises:
+            ValueError: naming the file; not one that `save` wrote.
+        """
+        written, weights = read_weights(path)
+        names = asdict(LstmConfig())
+        try:
+            model = cls(LstmConfig(**{name: type(names[name])(written[name]) for name in names}))
+            model.load_state_dict({name: one.float() for name, one in weights.items()})
+        except (KeyError, RuntimeError) as error:
+            raise ValueError(f"{path}: holds no LSTM dynamics: {error}") from None
         return model.eval().requires_grad_(False)
 
 

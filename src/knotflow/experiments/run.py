@@ -14,6 +14,7 @@ from typing import Any
 
 import hydra
 from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
 import knotflow.experiments
@@ -110,7 +111,12 @@ def stale(results_dir: Path) -> Iterator[Stale]:
         with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
             overrides = [f"+experiment={experiment}", f"budget={run['budget']}"]
             overrides += run.get("overrides", [])
-            workflow = workflow_of(hydra.compose("config", overrides=overrides))
+            try:
+                workflow = workflow_of(hydra.compose("config", overrides=overrides))
+            except HydraException as error:
+                reason = str(error).splitlines()[0]
+                yield Stale(file.parent.name, (f"its options do not fit today's: {reason}",))
+                continue
         for name in workflow.nodes:
             made = run["stages"].get(name, {})
             if made.get("key") != workflow.keys[name]:

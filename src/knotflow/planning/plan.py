@@ -292,7 +292,7 @@ class KnotPlan:
             steps.append(
                 PlanStep(
                     action=parse_action(step["action"]),
-                    spline=np.array(step["spline"], np.float64),
+                    spline=np.array(step["spline"], np.float64).reshape(6),
                     start=shape,
                     start_state=state(step["start_state"]),
                     end=np.array(step["end_m"], np.float64),
@@ -300,7 +300,7 @@ class KnotPlan:
                     times=np.array(step["times_s"], np.float64),
                     trajectory=np.array(step["trajectory_m"], np.float32).reshape(-1, *start.shape),
                     gripper=np.array(step["gripper_m"], np.float32).reshape(-1, 3),
-                    release_time=step["release_time_s"],
+                    release_time=float(step["release_time_s"]),
                 )
             )
             shape = steps[-1].end
@@ -308,17 +308,20 @@ class KnotPlan:
             ExpansionStats(state(one.pop("state")), parse_action(one.pop("action")), **one)
             for one in data["tried"]
         ]
+        worlds, survived = int(data.get("worlds", 0)), tuple(data.get("survived") or ())
+        if worlds and len(survived) != len(steps):
+            raise ValueError(f"it survived {len(survived)} of {len(steps)} steps")
         return cls(
             goal_states=tuple(map(state, data["goal_states"])),
             start=start,
             start_state=state(data["start_state"]),
             steps=tuple(steps),
             tried=tuple(tried),
-            seconds=data["seconds_s"],
-            radius=data["radius_m"],
+            seconds=float(data["seconds_s"]),
+            radius=float(data["radius_m"]),
             frame=Frame.from_json(data["frame"]) if "frame" in data else Frame(),
-            worlds=data.get("worlds", 0),
-            survived=tuple(data.get("survived") or ()),
+            worlds=worlds,
+            survived=survived,
             **{name: data[name] for name in _PLAIN},
         )
 

@@ -107,17 +107,13 @@ class TreeSearch:
 
     def expand(self, count: int) -> SearchUpdate:
         """Choose, sample and simulate `count` expansions, and add those whose ends are kept."""
-        return self.grow(self._rule.choose(count))
-
-    def grow(self, expansions: Sequence[Expansion]) -> SearchUpdate:
-        """Sample and simulate expansions, and add those whose ends are kept."""
-        chosen, splines, parts = self._simulate(group_by_query(expansions))
+        chosen, splines, parts = self._simulate(group_by_query(self._rule.choose(count)))
         return self._add(chosen, splines, parts) if chosen else self.update()
 
     def grow_for(
         self, expansion: Expansion, ropes: Floats, near: Floats | None, count: int
     ) -> list[Node]:
-        """As `grow`, with splines that suit several ropes, see `Proposals.for_worlds`; the new
+        """As `expand`, with splines that suit several ropes, see `Proposals.for_worlds`; the new
         nodes in the expansion's state."""
         splines = self._proposals.for_worlds(expansion, ropes, near, count)
         for _ in range(count - len(splines)):

@@ -36,10 +36,6 @@ SEARCH_MARKS: dict[str, dict[str, Any]] = {
     LARGEST: {"marker": "D", "ls": "", "ms": 6, "mfc": "none", "mec": INK, "mew": 1},
 }
 """Marks in the figure of kept splines."""
-RULES = {
-    "posterior": "by the posterior rule (where the fewest further splines are expected)",
-}
-"""Rules of the search beyond the paper's."""
 STATE_NOTATION = (
     "A state is written as its crossings, each as over position, `o`, under position and sign, "
     "counted from head to tail."
@@ -111,7 +107,7 @@ def search_words(results: Results, experiment: str, node: str = "searches") -> s
     parts = [
         "by the paper's rule"
         if paper
-        else RULES.get(planner["rule"], f"by the {planner['rule']} rule"),
+        else "by the posterior rule (where the fewest further splines are expected)",
         "one spline at a time" if batch == 1 else f"{batch} splines at a time",
         f"with up to {most} arranging splines in a row" if most else "without arranging splines",
         f"{100 * guessed:g} % guesses where little succeeds" if guessed else "without guesses",

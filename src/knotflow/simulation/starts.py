@@ -213,10 +213,11 @@ def _from_headings(heading: Floats, rope: RopeConfig) -> Floats:
 
 
 def _strand_distance(points: Floats, rope: RopeConfig) -> float:
-    """Least distance between vertices that are apart along the rope by more than a turn."""
+    """Least distance between vertices that are apart along the rope by more than a turn; infinite
+    where none are."""
     apart = int(np.ceil(4 * np.pi * rope.radius / rope.link_length))
     distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    return float(distance[np.triu_indices(len(points), apart)].min())
+    return float(distance[np.triu_indices(len(points), apart)].min(initial=np.inf))
 
 
 def is_roomy(points: Floats, rope: RopeConfig, config: StartsConfig) -> bool:

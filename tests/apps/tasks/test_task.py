@@ -40,7 +40,7 @@ def test_actions_follow_the_dag():
 
 
 def test_single_action_has_one_goal():
-    task = TieTask.single("R1(0,1,1)", ROPE[None])
+    task = TieTask.single("R1(0,1,1)", [ROPE.tolist()])
     assert task.goal.states == {TopologicalState.trivial().apply(parse_action("R1(0,1,1)"))}
     assert task.splines == 1
 

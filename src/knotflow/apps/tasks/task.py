@@ -64,7 +64,8 @@ class TieTask:
         action = parse_action(action) if isinstance(action, str) else action
         state = TopologicalState.trivial()
         if starts is not None:
-            state = TopologicalState.from_curve(_checked(np.asarray(starts, float))[0])
+            starts = np.asarray(starts, float)
+            state = TopologicalState.from_curve(_checked(starts)[0])
         goal = Goal(str(action), SolutionDag.along([action], state))
         return cls(goal, 1, starts, action)
 

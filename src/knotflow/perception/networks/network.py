@@ -15,7 +15,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from knotflow.arrays import save_weights
+from knotflow.arrays import read_weights, save_weights
 from knotflow.perception import SHIPPED_NETWORK
 from knotflow.perception.networks.windows import HEADINGS, SIDE
 
@@ -103,16 +103,11 @@ class StrandNetwork(nn.Module):
         Raises:
             NetworkError: naming the file, and what is wrong with it.
         """
-        from safetensors import SafetensorError, safe_open
-
         try:
-            with safe_open(path, "pt") as file:
-                about = file.metadata() or {}
-                weights = {name: file.get_tensor(name) for name in file.keys()}
-        except (OSError, SafetensorError) as error:
+            about, weights = read_weights(path)
+        except ValueError as error:
             raise NetworkError(
-                f"{path}: no network can be read ({error}); "
-                "python -m knotflow +experiment=strand_training trains one"
+                f"{error}; python -m knotflow +experiment=strand_training trains one"
             ) from error
         if about.get("format") != FORMAT or about.get("version") != VERSION:
             raise NetworkError(

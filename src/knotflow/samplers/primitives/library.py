@@ -17,10 +17,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
-from knotflow.arrays import save_weights
+from knotflow.arrays import read_weights, save_weights
 from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, UNDO, canonicalise
 from knotflow.samplers.primitives.config import CemConfig, NetworkConfig, PrimitiveConfig
 from knotflow.samplers.primitives.encoding import Encoded, encode_canonical
@@ -271,12 +270,7 @@ class PrimitiveLibrary:
                 raise LibraryError(f"{path}: {error}") from None
         if not path.is_file():
             raise FileNotFoundError(f"no library of primitives at {path}")
-        try:
-            with safe_open(path, framework="pt") as file:
-                metadata: dict[str, str] = file.metadata() or {}
-                weights = {name: file.get_tensor(name) for name in file.keys()}
-        except SafetensorError as error:
-            raise LibraryError(f"{path} is damaged or no safetensors file: {error}") from None
+        metadata, weights = read_weights(path, LibraryError)
         if metadata.get("format") != FORMAT or metadata.get("version") != VERSION:
             raise LibraryError(
                 f"{path} is {metadata.get('format', 'of an unknown format')!r} version "
