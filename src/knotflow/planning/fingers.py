@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knotflow.topology.polyline import Floats, arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths, interpolate
 
 SPACING = 0.004  # of the points that stand for other strands, lengths of a rope of 1 m
 
@@ -39,7 +39,7 @@ def openings(points: Floats, links: ArrayLike, radius: float, hand: HandConfig) 
     vertices, links = np.asarray(points, float), np.asarray(links, np.intp)
     at = arc_lengths(vertices)
     along = np.arange(0.0, at[-1] + SPACING, SPACING)
-    strand = np.stack([np.interp(along, at, vertices[:, axis]) for axis in (0, 1)], axis=1)
+    strand = interpolate(along, at, vertices[:, :2])
     begin, end = vertices[links, :2], vertices[links + 1, :2]
     tangent = (end - begin) / np.maximum(np.linalg.norm(end - begin, axis=1), 1e-9)[:, None]
     offset = strand - (begin + end)[:, None] / 2  # (N, S, 2)

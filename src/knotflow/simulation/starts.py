@@ -14,7 +14,7 @@ from knotflow.simulation.simulator import RopeSimulator
 from knotflow.simulation.spline import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import Action, TopologicalState, segment_lengths
 from knotflow.topology.curve import as_rope
-from knotflow.topology.polyline import Floats, arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths, interpolate
 
 Propose = Callable[[Floats, Action, int, np.random.Generator], Floats]
 """`Sampler.sample`."""
@@ -193,7 +193,7 @@ def resample(points: ArrayLike, rope: RopeConfig) -> Floats:
         if along[-1] == 0:
             raise ValueError("a curve needs a length, but all its points are the same")
         at = np.linspace(0, along[-1], rope.num_vertices)
-        points = np.stack([np.interp(at, along, points[:, k]) for k in range(3)], axis=1)
+        points = interpolate(at, along, points)
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if np.ptp(chords) < 1e-6 * chords.mean():
             break

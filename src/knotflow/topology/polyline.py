@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,11 @@ def arc_lengths(curve: Floats) -> Floats:
     steps = np.linalg.norm(np.diff(curve, axis=-2), axis=-1)
     begin = np.zeros((*steps.shape[:-1], 1))
     return np.concatenate([begin, np.cumsum(steps, axis=-1)], axis=-1)
+
+
+def interpolate(places: NDArray[Any], along: NDArray[Any], points: NDArray[Any]) -> Floats:
+    """Points (M, D) at `places` (M,) of a curve (N, D) that is at its points `along` (N,)."""
+    return np.stack([np.interp(places, along, one) for one in points.T], axis=1)
 
 
 def planar_crossings(xy: Floats) -> PlanarCrossings:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.topology import DegenerateCurveError, project
-from knotflow.topology.polyline import Floats, arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths, interpolate
 from knotflow.viz.style import PAPER, rope_colour
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ def _bands(curve: Floats, edges: Floats, begin: Edges, end: Edges, bands: int) -
         sides = []
         for edge, from_, to in zip(edges, begin, end, strict=True):
             visible = np.clip(rungs, from_, max(from_, to))
-            sides.append(np.column_stack([np.interp(visible, steps, part) for part in edge.T]))
+            sides.append(interpolate(visible, steps, edge))
         outline = np.concatenate((sides[0], sides[1][::-1]))
         height = float(np.interp((low + high) / 2, steps, curve[:, 2]))
         yield Piece(outline, rope_colour((low + high) / 2 / steps[-1]), height)

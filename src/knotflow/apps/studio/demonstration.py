@@ -20,7 +20,7 @@ from knotflow.simulation import (
     control_points,
 )
 from knotflow.topology import Action, TopologicalState
-from knotflow.topology.polyline import arc_lengths
+from knotflow.topology.polyline import arc_lengths, interpolate
 
 CLICKS = ("grasp", "middle", "end")
 CLICK_RADIUS = 0.03  # metres from the rope's centre line within which a click grasps it
@@ -95,7 +95,7 @@ def grasp_at(points: NDArray, origin: ArrayLike, direction: ArrayLike) -> float:
     origin, along = np.asarray(origin, float), _unit(direction)
     fractions = np.arange(0.0, 1.0 + _FINENESS / 2, _FINENESS).clip(0.0, 1.0)
     links = np.linspace(0.0, 1.0, len(points))
-    rope = np.column_stack([np.interp(fractions, links, column) for column in points.T])
+    rope = interpolate(fractions, links, points)
     depth = (rope - origin) @ along
     distance = np.linalg.norm(rope - origin - depth[:, None] * along, axis=1)
     if distance.min() > CLICK_RADIUS:

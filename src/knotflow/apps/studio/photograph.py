@@ -15,7 +15,7 @@ from knotflow.perception.photo.io import on_table
 from knotflow.planning import MeasuredRope, RopeOptions, RopeTable, measured_rope
 from knotflow.planning.rope.size import RopeSize, parse_metres
 from knotflow.topology import TopologicalState
-from knotflow.topology.polyline import Floats, arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths, interpolate
 
 _SPACING, _MOST_HANDLES = 6.0, 32  # widths between handles
 _CLEAR = 2.5  # widths between a handle and a crossing
@@ -70,8 +70,8 @@ class Photograph:
     def places(self) -> Floats:
         """(C, 2) of the crossings, pixels."""
         index = np.arange(len(self.found.pixels))
-        at = [one.fractions[0] * index[-1] for one in self.found.crossings]
-        return np.column_stack([np.interp(at, index, column) for column in self.found.pixels.T])
+        at = index[-1] * np.array([one.fractions[0] for one in self.found.crossings])
+        return interpolate(at, index, self.found.pixels)
 
     @property
     def handles(self) -> NDArray[np.int64]:
@@ -101,7 +101,7 @@ class Photograph:
         bent = self.dragged(handle, np.clip(place, 0, [width - 1, height - 1]))
         along = arc_lengths(bent)
         even = np.linspace(0.0, along[-1], len(bent))
-        line = np.column_stack([np.interp(even, along, column) for column in bent.T])
+        line = interpolate(even, along, bent)
         crossings = list(self._photo.crossings(line))
         said = [False] * len(crossings)
         apart = np.abs(_fractions(crossings)[:, None] - _fractions(self.found.crossings)).sum(2)

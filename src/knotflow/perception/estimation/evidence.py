@@ -17,7 +17,7 @@ from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.camera.rendering import render
 from knotflow.perception.estimation.segmentation import pixel_coverage, segment
 from knotflow.simulation import RopeConfig
-from knotflow.topology.polyline import Floats
+from knotflow.topology.polyline import Floats, interpolate
 
 CORRELATED = 4.0  # pixels that share their error, as neighbours do
 _CORRELATED_WIDTHS = 0.7  # widths of the rope, within which errors of its shape are the same error
@@ -161,7 +161,7 @@ def measure_radius(shape: NDArray, target: Target) -> float:
     camera, radius = target.camera, target.rope.radius
     points = torch.as_tensor(shape)
     at = np.linspace(0, len(shape) - 1, 5 * len(shape))
-    fine = np.stack([np.interp(at, range(len(shape)), one) for one in shape.T], axis=1)
+    fine = interpolate(at, np.arange(len(shape)), shape)
     column, row, depth = camera.project(fine).T
     rows, columns = np.indices(target.mask.shape).reshape(2, -1)
     distance, nearest = cKDTree(np.stack([column, row], 1)).query(np.stack([columns, rows], 1))

@@ -73,11 +73,6 @@ def project_lengths(points: NDArray, link_length: float) -> Floats:
     return shape
 
 
-def interpolate(places: NDArray, along: NDArray, points: NDArray) -> Floats:
-    """Points (M, D) at `places` (M,) of a curve (N, D) that is at its points `along` (N,)."""
-    return np.stack([np.interp(places, along, one) for one in points.T], axis=1)
-
-
 def nearest_on_chain(points: Floats, chain: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
     """Where a chain of straight links (V, D) is nearest to points (N, D): the link (N,), the share
     of it that lies before that place (N,), and the way from there to the point (N, D)."""

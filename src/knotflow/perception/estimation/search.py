@@ -22,14 +22,13 @@ from knotflow.perception.estimation.fitting import (
     FitConfig,
     fit,
     image_loss,
-    interpolate,
     project_lengths,
     shape_loss,
 )
 from knotflow.perception.estimation.skeleton import passages
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
-from knotflow.topology.polyline import Floats
+from knotflow.topology.polyline import Floats, interpolate
 
 Progress = Callable[[], bool | None]
 """Called in each round of a search; False ends it with the best so far."""

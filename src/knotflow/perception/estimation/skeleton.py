@@ -17,9 +17,15 @@ from scipy.spatial import cKDTree
 from skimage.morphology import remove_small_objects, skeletonize
 
 from knotflow.perception.camera.pinhole import Camera
-from knotflow.perception.estimation.fitting import interpolate, project_lengths
+from knotflow.perception.estimation.fitting import project_lengths
 from knotflow.simulation import RopeConfig
-from knotflow.topology.polyline import DegenerateCurveError, Floats, arc_lengths, planar_crossings
+from knotflow.topology.polyline import (
+    DegenerateCurveError,
+    Floats,
+    arc_lengths,
+    interpolate,
+    planar_crossings,
+)
 
 _ZOOM = 3  # a mask is smoothed on a grid this much finer, or its skeleton is ragged
 _SMOOTH = 0.3  # pixels

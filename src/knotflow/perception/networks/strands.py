@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from knotflow.perception.estimation.evidence import Target
-from knotflow.perception.estimation.fitting import interpolate, project_lengths
+from knotflow.perception.estimation.fitting import project_lengths
 from knotflow.perception.networks.network import StrandNetwork
 from knotflow.perception.networks.windows import (
     HALF,
@@ -28,7 +28,7 @@ from knotflow.perception.networks.windows import (
     with_trail,
 )
 from knotflow.threads import one_thread
-from knotflow.topology.polyline import Floats, arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths, interpolate
 
 PIXEL = 2 * HALF / SIDE  # side of a map's pixel, radii
 _BEAM, _HALVES = 16, 8  # paths followed at once from an end of the rope, and from elsewhere

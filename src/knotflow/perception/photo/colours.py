@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 from skimage.color import rgb2lab
 
 from knotflow.perception.camera.image import ImageError
-from knotflow.topology.polyline import arc_lengths
+from knotflow.topology.polyline import arc_lengths, interpolate
 
 Colour = tuple[int, int, int]
 """Red, green, blue, 0..255."""
@@ -65,7 +65,7 @@ def end_of_colour(rgb: NDArray[np.uint8], pixels: NDArray, colour: Colour) -> in
     along = arc_lengths(line)
     at = np.arange(0.0, max(along[-1], 1.0))
     last = np.array(rgb.shape[1::-1]) - 1
-    even = np.stack([np.interp(at, along, column) for column in line.T], axis=1)
+    even = interpolate(at, along, line)
     u, v = np.clip(np.round(even), 0, last).astype(int).T
     seen = rgb2lab(rgb[v, u][None])[0] * _WEIGHTS
     plain = np.median(seen, axis=0)

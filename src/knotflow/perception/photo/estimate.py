@@ -15,13 +15,12 @@ from skimage.measure import block_reduce
 
 from knotflow.perception.camera.image import ImageError
 from knotflow.perception.estimation.crossings import END_AMBIGUITIES, CrossingEvidence
-from knotflow.perception.estimation.fitting import interpolate
 from knotflow.perception.estimation.skeleton import TraceError, passages, rank_paths
 from knotflow.perception.photo.colours import NO_HEAD, Colour, Colours, end_of_colour
 from knotflow.perception.photo.occlusion import occlusion_odds
 from knotflow.perception.photo.silhouette import Silhouette, find_silhouette
 from knotflow.topology import DegenerateCurveError, TopologicalState, project
-from knotflow.topology.polyline import Floats, arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths, interpolate
 
 _MOST_PIXELS = 1.2e6  # of the image that is worked on; larger ones are binned
 _TRACED = 5.0  # pixels across, at which the rope is traced

@@ -15,7 +15,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from knotflow.perception.camera.image import interpolated
-from knotflow.topology.polyline import Floats
+from knotflow.topology.polyline import Floats, interpolate
 
 _REACH, _STEP = 2.5, 1 / 12  # rope widths along and across a strand
 _ACROSS, _CORE = 0.75, 0.4
@@ -62,7 +62,7 @@ def _axis(line: Floats, at: float, width: float) -> tuple[Floats, Floats, Floats
     step = float(np.linalg.norm(np.diff(line, axis=0), axis=1).mean())
     along = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
     index = np.arange(len(line))
-    points = np.stack([np.interp(at + along * width / step, index, one) for one in line.T], 1)
+    points = interpolate(at + along * width / step, index, line)
     tangent = np.gradient(ndimage.gaussian_filter1d(points, 0.5 / _STEP, 0, mode="nearest"), axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-9
     return along, points, np.stack([-tangent[:, 1], tangent[:, 0]], 1)

@@ -16,7 +16,7 @@ import numpy as np
 
 from knotflow.arrays import floats, read_npy
 from knotflow.planning.frame import METRES
-from knotflow.topology.polyline import Floats, arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths, interpolate
 
 ROPE_NAMES = ("straight", "arc", "random")
 """Ropes that are generated."""
@@ -116,7 +116,7 @@ def checked(table: RopeTable) -> RopeTable:
     if len(points) > MAX_POINTS:
         along = arc_lengths(points)
         at = np.linspace(0.0, along[-1], MAX_POINTS)
-        points = np.column_stack([np.interp(at, along, column) for column in points.T])
+        points = interpolate(at, along, points)
         over = None if over is None else np.interp(at, along, over)
         rows = np.interp(at, along, rows)
     return replace(table, points=points, over=over, rows=rows)

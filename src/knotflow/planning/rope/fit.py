@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from knotflow.simulation import RopeConfig
 from knotflow.topology import CurveCrossings, DegenerateCurveError, project
-from knotflow.topology.polyline import Floats, arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths, interpolate
 
 SAMPLES = 4  # points of the curve that a link is fitted to
 STIFFNESS = 0.03  # links that a point may be off for a radian by which neighbouring bends differ
@@ -47,7 +47,7 @@ def fit_rope(curve: Floats, later_over: NDArray[np.bool_], rope: RopeConfig) -> 
     """
     along = arc_lengths(curve) / arc_lengths(curve)[-1]
     places = np.linspace(0.0, 1.0, SAMPLES * rope.links + 1)
-    targets = np.column_stack([np.interp(places, along, column) for column in curve.T])
+    targets = interpolate(places, along, curve)
     wanted = planar_code(curve).crossings
     heights = np.full(rope.num_vertices, rope.radius)
     for _ in range(2):
@@ -61,7 +61,7 @@ def fit_rope(curve: Floats, later_over: NDArray[np.bool_], rope: RopeConfig) -> 
             heights = _heights(found, later_over, rope)
             if np.abs(np.diff(heights)).max() >= rope.link_length:  # the links are too short
                 return Fit(np.column_stack([xy, heights]), np.zeros(len(targets)), False)
-    fitted = np.column_stack([np.interp(places * rope.links, range(len(xy)), c) for c in xy.T])
+    fitted = interpolate(places * rope.links, np.arange(len(xy)), xy)
     off = np.linalg.norm(fitted - targets, axis=1)
     return Fit(np.column_stack([xy, heights]), off, found.crossings == wanted)
 
@@ -92,7 +92,7 @@ def _chain(targets: Floats, places: Floats, spans: Floats, rope: RopeConfig) -> 
     # (M, n) how much of each link lies before each place
     before = np.clip(places[:, None] * links - np.arange(links), 0.0, 1.0)
     ends = np.linspace(0.0, 1.0, links + 1)
-    chords = np.diff([np.interp(ends, places, column) for column in targets.T], axis=1)
+    chords = np.diff(interpolate(ends, places, targets), axis=0).T
     headings = np.unwrap(np.arctan2(chords[1], chords[0]))
     limit = 0.95 * rope.max_bend
     bends = np.clip(np.diff(headings), -0.99 * limit, 0.99 * limit)

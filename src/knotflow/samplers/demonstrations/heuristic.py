@@ -23,7 +23,7 @@ from knotflow.topology import (
     Undo,
     segment_intervals,
 )
-from knotflow.topology.polyline import Floats
+from knotflow.topology.polyline import Floats, interpolate
 
 TIP = 0.15
 """Share of an end segment, counted from the rope's end, in which an end is grasped or covered."""
@@ -133,7 +133,7 @@ def _at(points: Floats, fraction: Floats) -> Floats:
     """Positions (N, 2) on the table at fractions (N,) of the rope's length."""
     along = np.linspace(0, 1, len(points))
     fraction = np.clip(fraction, 0, 1)
-    return np.stack([np.interp(fraction, along, points[:, k]) for k in (0, 1)], axis=1)
+    return interpolate(fraction, along, points[:, :2])
 
 
 def _around(
