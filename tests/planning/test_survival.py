@@ -38,7 +38,9 @@ class Brittle:
         return rollouts
 
 
-def survive(brittle, goal, told=lambda update: None, budget=1000, stoppable=False, **options):
+def survive(
+    brittle, goal, told=lambda update: None, budget=1000, stoppable=False, early=False, **options
+):
     rng = np.random.default_rng(0)
     start, config = straight(brittle.config.rope), PlannerConfig(max_branches=budget)
     search = TreeSearch(start, goal, brittle, brittle, rng, config)
@@ -48,7 +50,7 @@ def survive(brittle, goal, told=lambda update: None, budget=1000, stoppable=Fals
         updates.append(update)
         told(update)
 
-    surviving = SurvivalSearch(search, SurvivalConfig(**options), rng)
+    surviving = SurvivalSearch(search, SurvivalConfig(**options), rng, early)
     return surviving.run(progress, stoppable), [one.survival for one in updates]
 
 
@@ -118,6 +120,16 @@ def test_a_plan_that_is_sure_at_once_costs_its_worlds_alone(world, path_goal):
     assert plan.branches == 3 + 3 * 3 * 4  # the worlds that it was chosen by, and twice as many
     assert plan.survived == (4, 4, 4)
     assert not any(survivals)
+
+
+def test_a_plan_that_can_no_longer_become_unsure_may_be_taken(world, path_goal):
+    """Of 24 worlds 6 may be lost, and 4 are tested at once."""
+    plans = [
+        survive(Brittle(world(), 1.0), path_goal, worlds=8, early=early)[0]
+        for early in (False, True)
+    ]
+    assert [plan.branches for plan in plans] == [3 + 3 * 24, 3 + 3 * 20]
+    assert plans[0].reason == plans[1].reason
 
 
 def test_how_sure_a_plan_is_is_said_and_stored(world, path_goal):

@@ -158,6 +158,7 @@ def find_plan(
             sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
             progress=show, observe=tried.append, survival=survival, reach=reach, earlier=earlier,
             stoppable=not error,  # a plan that is not executed at once
+            early=True,
         )  # fmt: skip
     for warning in unlike:
         print(warning.message)

@@ -35,14 +35,16 @@ def plan_rope(
     reach: Reach | None = None,
     earlier: KnotPlan | None = None,
     stoppable: bool = False,
+    early: bool = False,
 ) -> KnotPlan:
     """Plan how to tie a knot into a rope; the plan has its trajectories, solved or not.
 
     The rope (V, 3), metres, head first, is at rest; the knot is a goal, or a name, crossings or a
     path of actions, see `parse_goal`. Simulation is recorded at `RECORD_RATE`; the default of
     `config` is `FAST_SEARCH`. With `survival` the search continues until a plan succeeds in other
-    worlds; with `reach` it accepts only what an arm can follow. If `stoppable`, Ctrl-C then ends it
-    with the best plan so far. For the other arguments see `plan_knot`.
+    worlds; `early` leaves out those that can no longer change this. With `reach` it accepts only
+    what an arm can follow. If `stoppable`, Ctrl-C then ends it with the best plan so far. For the
+    other arguments see `plan_knot`.
 
     Raises:
         ValueError: an unknown knot, one that is tied already, or one that cannot be reached from
@@ -70,4 +72,4 @@ def plan_rope(
     with one_thread():
         if survival is None or not survival.worlds:
             return search.run(progress)
-        return SurvivalSearch(search, survival, rng).run(progress, stoppable)
+        return SurvivalSearch(search, survival, rng, early).run(progress, stoppable)

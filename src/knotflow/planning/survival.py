@@ -50,10 +50,15 @@ class SurvivalSearch:
     """A tree search that goes on after its first plan."""
 
     def __init__(
-        self, search: TreeSearch, config: SurvivalConfig, rng: np.random.Generator
+        self,
+        search: TreeSearch,
+        config: SurvivalConfig,
+        rng: np.random.Generator,
+        early: bool = False,
     ) -> None:
-        """`search` has not begun."""
-        self._search, self._config, self._rng = search, config, rng
+        """`search` has not begun. If `early`, a plan is not tested in worlds that can no longer
+        make it unsure."""
+        self._search, self._config, self._rng, self._early = search, config, rng, early
         self._worlds: list[World] = []
         self._lost = np.zeros(config.worlds, int)
         root = search.nodes[0]
@@ -109,7 +114,7 @@ class SurvivalSearch:
         if ropes.survival < config.least:
             return False
         steps, others = self._search.plan(True, "", tied).steps, self._draw() + self._draw()
-        lost = (1 - ropes.survival) * config.worlds
+        lost, sure = (1 - ropes.survival) * config.worlds, False
         most = (1 - config.least) * 3 * config.worlds
         tested = config.worlds
         for first in range(0, len(others), config.screened):
@@ -117,10 +122,12 @@ class SurvivalSearch:
             left = surviving(steps, self._search.simulator, some)
             self._search.branches += len(some) + sum(left[:-1])
             tested, lost = tested + len(some), lost + len(some) - left[-1]
-            if lost > most or self._search.is_late():
+            untested = 3 * config.worlds - tested
+            sure = lost + untested <= most and (self._early or not untested)
+            if sure or lost > most or self._search.is_late():
                 break
         self._ropes[tied] = replace(ropes, survival=1 - lost / tested)
-        return bool(lost <= most) and tested == 3 * config.worlds
+        return bool(sure)
 
     def _draw(self) -> list[World]:
         rope, config = self._search.simulator.config.rope, self._config

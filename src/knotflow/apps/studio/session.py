@@ -224,7 +224,7 @@ class Session:
                 plan = plan_rope(
                     self.points, knot, self._rng,
                     sampler=self.library, simulation=simulation, config=config, progress=progress,
-                    survival=SurvivalConfig(worlds), reach=hand,
+                    survival=SurvivalConfig(worlds), reach=hand, early=True,
                 )  # fmt: skip
         doubts = self.measured.size.doubts(parse_goal(knot, self.rope)) if self.measured else ""
         self.remarks = (*filter(None, [doubts]), *(str(one.message) for one in unlike))
