@@ -87,6 +87,9 @@ def searches(monkeypatch, found):
         (["run", "overhand", "--yes", "--diameter", "48mm"], "the fingers grasp 46 mm at most"),
         (["plan", "overhand", "--stiffness", "30cm"], "is not between 0.002 and 0.15 m"),
         (["plan", "overhand", "--arm", "pnda"], "give panda, ur5e, xarm7"),
+        (["run", "overhand", "--yes", "--arm", "pnda"], "give panda, ur5e, xarm7"),
+        (["run", "overhand", "--yes", "--arm", "panda", "--base", "no.yaml"], "no.yaml"),
+        (["run", "overhand", "--yes", "--robot", "a:B", "--level", "0"], "the simulated robot"),
         (["plan", "unknot"], "nothing to plan"),
         (["plan", "overhand", "--out", "/proc/1/plan"], "/proc/1"),
         (["next", "overhand"], "--rope"),
@@ -225,6 +228,25 @@ def test_a_plan_less_sure_than_sought_says_so(found, searches, monkeypatch, caps
     told = capsys.readouterr().out
     assert "in fewer than the 75 % sought; longer: --overwrite --max-seconds 120" in told
     assert "--margin 0.01" in told
+    assert main(words[:-1]) == 0
+    told = capsys.readouterr().out
+    assert "already planned" in told and "in fewer than the 75 % sought" in told
+
+
+def test_a_stopped_search_is_not_what_was_asked_for(found, searches, monkeypatch):
+    words = ["plan", LOOP, "--rope", "straight"]
+    stopped = replace(found, reason="the search was stopped"), None
+    monkeypatch.setattr(search, "find_plan", lambda *_, **__: stopped)
+    assert main(words) == 0
+    assert main(words) == 2
+    assert main([*words, "--overwrite"]) == 0
+
+
+def test_next_of_a_tied_rope_is_done(found, here, searches, capsys):
+    np.savetxt(here / "tied.csv", found.steps[-1].end, delimiter=",")
+    assert main(["next", LOOP, "--rope", "tied.csv"]) == 0
+    assert "tied: the rope is in the state" in capsys.readouterr().out
+    assert not searches
 
 
 @pytest.mark.slow

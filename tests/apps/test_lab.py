@@ -201,6 +201,7 @@ def test_a_driver_is_found_by_its_name(monkeypatch, tmp_path):
         "from tests_lab_arm import Arm\nclass Half: grasp = 1\n"
         "def absent(): raise RuntimeError('off')\n"
         "def late():\n    import tests_lab_late\n    return tests_lab_late.Arm()\n"
+        "class Method(Arm):\n    def position(self): return 0, 0, 0\n"
     )
     (tmp_path / "tests_lab_arm.py").write_text(
         "class Arm:\n    position = 0\n    observe = move_to = grasp = release = print\n"
@@ -220,9 +221,24 @@ def test_a_driver_is_found_by_its_name(monkeypatch, tmp_path):
         ("broken:Arm", "broken:Arm: RuntimeError: no driver"),
         ("my_robots:absent", "my_robots:absent: RuntimeError: off"),
         ("my_robots:Half", "lacks observe, move_to, release, position"),
+        ("my_robots:Method", "position is a method; make it a property"),
     ):
         with pytest.raises(ValueError, match=message):
             lab.load_robot(name)
+
+
+@pytest.mark.parametrize("position", ["0 0 0.3", ((0, 0, 0.3), np.eye(3)), object()])
+def test_a_position_that_is_no_numbers_is_the_robots_fault(twin, tmp_path, position):
+    class Odd(RobotWrapper):
+        @property
+        def position(self):
+            return position
+
+    with (
+        RunLog(tmp_path / "run.mcap", {}) as log,
+        pytest.raises(lab.LabError, match="the robot failed at position"),
+    ):
+        lab.LoggedRobot(Odd(twin.robot()), log).position  # noqa: B018
 
 
 def test_what_a_camera_gives_is_an_image(twin, tmp_path):

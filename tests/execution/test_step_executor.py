@@ -58,7 +58,11 @@ class Stalled:
 
 @pytest.mark.parametrize(
     ("position", "told", "most"),
-    [((0.0, 0.0, 0.3), "m from where it was sent", 40), ((0.0, np.nan, 0.3), "nan", 1)],
+    [
+        ((0.0, 0.0, 0.3), "m from where it was sent", 40),
+        ((0.0, np.nan, 0.3), "nan", 1),
+        ((0.0, 0.0, 300.0), "300 m from the origin: positions are metres", 1),
+    ],
 )
 def test_a_robot_that_does_not_follow_is_told_from_one_that_does(position, told, most):
     robot = Stalled(position)

@@ -90,6 +90,7 @@ def test_incomplete_camera_file_names_value(name, tmp_path):
         ({"position": [0, 0, float("nan")]}, "position must be finite"),
         ({"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "rotation has orthogonal columns"),
         ({"k1": 0.1}, "has distortion"),
+        ({"position": [0.0, 0.0, 1200.0]}, "1.2e\\+03 m from the origin.*millimetres.*by 1000"),
     ],
 )
 def test_invalid_camera_value_raises(values, message, tmp_path):

@@ -207,6 +207,22 @@ def test_pose_off_the_table_raises_with_the_cure_that_applies(written, cure, uni
         read(replace(CALIBRATION, poses=(written(POSE),)), depth_unit=unit)
 
 
+def test_of_an_upright_camera_the_reading_with_z_up_is_named(tmp_path):
+    """Seen from straight above, the inverse of an OpenGL pose has the table at z = 0, too, but from
+    below."""
+    eye = Camera.overhead(160, 120)
+    camera = SimulatedCamera(eye, ROPE, CameraNoiseConfig(), Appearance())
+    seen = camera.view(s_curve(), s_curve()[20])
+    Image.fromarray(seen.image.rgb).save(tmp_path / "rgb.png")
+    np.save(tmp_path / "depth.npy", seen.image.depth)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = eye.rotation, eye.position
+    calibration = Calibration((eye.fx, eye.fy), (eye.cx, eye.cy), (160, 120), poses=(opengl(pose),))
+    with pytest.raises(CameraError, match="OpenGL") as caught:
+        read_capture(tmp_path / "rgb.png", tmp_path / "depth.npy", calibration)
+    assert "inverse" not in str(caught.value)
+
+
 @pytest.mark.parametrize("eye", [EYE, Camera.overhead(160, 120)])
 def test_table_is_found_without_a_pose(eye, tmp_path):
     noise, rng = CameraNoiseConfig(), np.random.default_rng(1)

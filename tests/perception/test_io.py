@@ -9,8 +9,10 @@ from PIL import Image
 from knotflow.perception import (
     SAMPLE,
     Calibration,
+    Camera,
     CameraError,
     ImageError,
+    RgbdImage,
     read_capture,
     see,
 )
@@ -63,6 +65,20 @@ def test_draw_overlay(tmp_path, found):
     half = picture.shape[1] // 2
     colourful = (np.ptp(picture, axis=2) > 80).sum(axis=0)
     assert colourful[half:].sum() > 10 * colourful[:half].sum() + 1000
+
+
+@pytest.mark.parametrize("size", [(580, 220), (240, 320)])
+def test_an_overlay_has_the_shape_of_its_image(tmp_path, found, size):
+    camera = Camera.overhead(*size)
+    shown = RgbdImage(
+        np.full((size[1], size[0], 3), 90, np.uint8), np.full(size[::-1], 1.2, np.float32)
+    )
+    draw_overlay(tmp_path / "overlay.png", shown, camera, ROPE, found)
+    picture = np.asarray(Image.open(tmp_path / "overlay.png").convert("RGB")).astype(int)
+    assert picture.shape[0] / (picture.shape[1] / 2) == pytest.approx(size[1] / size[0], rel=0.3)
+    grey = (np.abs(picture - 90).max(axis=2) < 9).any(axis=0)
+    half = len(grey) // 2
+    assert grey[:half].sum() == pytest.approx(grey[half:].sum(), rel=0.05)  # as wide as the image
 
 
 def test_error_without_rope_names_files(tmp_path):

@@ -93,6 +93,8 @@ def plan(
         worlds: Search until a plan ties in 3/4 of N perturbed worlds and 2 N others; 0: the first.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
+    from knotflow.planning.plan import STOPPED
+
     measured = search.read_rope(rope, options, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
     what = outputs.digest(Path(rope)) if Path(rope).is_file() else rope
@@ -101,29 +103,26 @@ def plan(
     request |= {"max_seconds": max_seconds, "margin": least, "worlds": worlds}
     request |= vars(options or RopeOptions()) | outputs.provenance()
     if arm.arm is not None:
-        from knotflow.execution.arm.model import find_arm
-
+        arm.check()  # before a stored plan is asked
         request |= {key: str(one) for key, one in vars(arm).items() if one is not None}
-        find_arm(arm.arm, arm.tip)  # refuses it before a stored plan is asked
         request["arm_code"] = outputs.arm_digest(arm.arm, arm.base)
     another = _cure(max_seconds, least, "--overwrite ") + "; another search: --seed N"
     stored = outputs.stored_outcome(folder, request, overwrite)
     if stored is not None:
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
-        if not stored["success"]:
-            print(another)
+        if (file := folder / "plan.json").is_file():
+            _advise(search.load_plan(file), another)
         return 0 if stored["success"] else 1
     found, last = search.find_plan(
         knot, measured, seed=seed, max_seconds=max_seconds, margin=least, worlds=worlds, arm=arm
     )
     found = found.placed(measured.placement, measured.frame)
     last = last and measured.placement.attempts(last)
+    if found.reason == STOPPED:  # by Ctrl-C, so that this was not what was asked for
+        request["stopped"] = True
     outputs.write_plan(folder, found, last, measured.rope, request)
     print(f"{found.summary()}\n{folder}: plan.png, plan.gif, plan.mcap, waypoints.csv and others")
-    if not found.solved:
-        print(another)
-    elif found.worlds and found.survived[-1] < (sure := planning.SurvivalConfig().least) * worlds:
-        print(f"in fewer than the {100 * sure:g} % sought; {another}")
+    _advise(found, another)
     return 0 if found.solved else 1
 
 
@@ -201,6 +200,10 @@ def next_step(
     measured = search.read_rope(shape, options, seed)
     earlier = None if plan is None else search.kept_plan(plan, knot, measured)
     least = _margin(margin, knot, measured.rope)
+    state = measured.state
+    if state in planning.parse_goal(knot, measured.rope).states:
+        print(f"tied: the rope is in the state {state}, which is {knot}")
+        return 0
     found, _ = search.find_plan(
         knot, measured, earlier, seed=seed, max_seconds=max_seconds, margin=least, worlds=worlds,
         error=GRIPPER_ERROR, arm=arm,
@@ -256,7 +259,7 @@ def run(
     margin: str | None = None,
     worlds: Worlds = 16,
     max_actions: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
-    level: Literal[0, 1, 2] = 1,
+    level: Literal[0, 1, 2] | None = None,
     yes: bool = False,
     arm: OfArm = NO_ARM,
 ) -> int:
@@ -274,7 +277,7 @@ def run(
         margin: Least length of each piece of rope between crossings; 3cm by default.
         worlds: As in `knotflow next`.
         max_actions: Give up after this many actions.
-        level: Level of the twin's errors in rope, gripper and camera.
+        level: Level of the twin's errors in rope, gripper and camera; 1 by default.
         yes: Execute without asking.
     """
     from knotflow.apps import lab
@@ -289,13 +292,16 @@ def run(
     planning.parse_goal(knot, rope)  # refuses it before a robot is asked for
     search.check_thickness(rope)
     least = _margin(margin, knot, rope)
+    arm.check()
     if not yes and not sys.stdin.isatty():
         raise ValueError("run asks before every action: use a terminal, or --yes")
     if robot == "twin" and camera is not None:
         raise ValueError(f"--camera {camera} is not for the simulated robot; name yours by --robot")
+    if robot != "twin" and level is not None:
+        raise ValueError(f"--level {level} is for the simulated robot")
     if robot == "twin":
         eye = Camera.overhead()
-        driver = lab.make_twin(rope, eye, level, seed)
+        driver = lab.make_twin(rope, eye, 1 if level is None else level, seed)
     elif camera is None:
         raise ValueError(f"--robot {robot} needs --camera FILE, with its pose")
     else:
@@ -550,7 +556,10 @@ def see(
     drawing = out and out.with_suffix(".png")
     for path in (out, drawing):
         if path:
-            (outputs.check_writable if overwrite else outputs.check_free)(path)
+            if overwrite:
+                outputs.check_writable(path)
+            else:
+                outputs.check_free(path, "--out, or --overwrite it")
     if out is not None and out.suffix.lower() != ".csv":
         raise ValueError(f"--out {out}: the rope's file is a .csv, with a picture beside it")
     for given in (image, depth, camera):
@@ -688,6 +697,15 @@ def _margin(given: str | None, knot: str, rope: RopeConfig) -> float:
             f"{rope.length:.3g} m at most {rope.length / pieces:.2g} m for each"
         )
     return margin
+
+
+def _advise(found: planning.KnotPlan, another: str) -> None:
+    """Say what to try if a plan is not solved, or less sure than sought."""
+    sure = planning.SurvivalConfig().least
+    if not found.solved:
+        print(another)
+    elif found.worlds and found.survived[-1] < sure * found.worlds:
+        print(f"in fewer than the {100 * sure:g} % sought; {another}")
 
 
 def _cure(max_seconds: float, margin: float, again: str = "") -> str:

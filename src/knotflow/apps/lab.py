@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
-from inspect import getattr_static
+from inspect import getattr_static, isroutine
 from pathlib import Path
 from typing import TypeVar
 
@@ -66,6 +66,8 @@ def load_robot(name: str) -> Robot:
             f"--robot {name} lacks {', '.join(missing)}; a robot has {', '.join(methods)}, see "
             "knotflow.execution.Robot"
         )
+    if isroutine(getattr_static(robot, "position", None)):
+        raise ValueError(f"--robot {name}: position is a method; make it a property (@property)")
     return robot
 
 
@@ -110,7 +112,7 @@ class LoggedRobot(RobotWrapper):
     @property
     def position(self) -> NDArray:
         def position() -> NDArray:
-            return self.robot.position
+            return np.asarray(self.robot.position, np.float64)
 
         return self._try(position)
 

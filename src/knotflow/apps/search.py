@@ -33,6 +33,15 @@ class ArmOptions:
         if self.arm is None and (self.base is not None or self.tip is not None):
             raise ValueError("--base and --tip need --arm")
 
+    def check(self) -> None:
+        """Raises `ValueError` or `OSError` where there is no such arm, tip or base."""
+        if self.arm is not None:
+            from knotflow.execution.arm.model import Base, find_arm
+
+            find_arm(self.arm, self.tip)
+            if self.base is not None:
+                Base.load(self.base)
+
 
 NO_ARM = ArmOptions()
 

@@ -204,7 +204,8 @@ class ImageStateEstimator:
             raise RobotError(str(error)) from error
         table = SeenTable.of(image.depth, self.camera)
         if not table.fits:
-            return Observation(None, None, (f"the table lies {table}: the camera's pose is wrong",))
+            wrong = f"the table lies {table}: the camera's pose is wrong"
+            return Observation(None, None, (f"{wrong} (`knotflow see` says what fits)",))
         camera = table.seated(self.camera)
         likely = [
             one if len(one) == self.rope.num_vertices else resample(one, self.rope)

@@ -39,6 +39,7 @@ CROSSING_WIDTH = 0.08  # share of the rope around each crossing within which ver
 CROSSING_WEIGHT = 4.0  # how much more a vertex at a crossing matters than one far from it
 MAX_OBSERVATIONS = 2  # of an ambiguous rope before it is pulled
 PULL_DISTANCE = 0.04  # metres
+FARTHEST = 10.0  # metres from the origin, that a gripper may be
 
 
 class Controller(Protocol):
@@ -330,6 +331,11 @@ class StepExecutor:
             raise RobotError(f"the gripper's position is (3,), metres, got {position.shape}")
         if not np.isfinite(position).all():
             raise RobotError(f"the gripper is measured to be at {position.tolist()}")
+        if (far := float(np.linalg.norm(position))) > FARTHEST:
+            raise RobotError(
+                f"the gripper is measured {far:.3g} m from the origin: positions are metres, "
+                "in the frame of the table"
+            )
         return position
 
     def _track(self) -> tuple[float, float]:

@@ -110,14 +110,16 @@ def draw_overlay(
     pixels, hidden = camera.project(found.points), ~found.visible
     column, row, depth = pixels.T
     width = 2 * rope.radius * camera.fx / float(np.median(depth))
-    middle, half = (pixels.max(0) + pixels.min(0)) / 2, np.ptp(pixels[:, :2], axis=0).max() / 2 + 12
-    across = half * camera.width / camera.height
-    with beside(path, image.rgb, 0.4, found.state, found.ambiguous) as axes:
+    size = np.array([camera.width, camera.height])
+    low, high = pixels[:, :2].min(axis=0), pixels[:, :2].max(axis=0)
+    half = size / 2 * min(1.0, float(((high - low + 24) / size).max()))  # of what is shown
+    middle = np.clip((low + high) / 2, half - 0.5, size - half - 0.5)
+    with beside(path, image.rgb, found.state, found.ambiguous) as axes:
         # The nearest strand is on top, as heights are in a drawing, thinner than it is.
         draw_rope(axes, np.stack([column, row, depth.max() - depth], 1), 0.6 * width, zorder=3)
         axes.scatter(column[hidden], row[hidden], s=14, facecolors="none", edgecolors=BAD, zorder=4)
-        axes.set_xlim(middle[0] - across, middle[0] + across)
-        axes.set_ylim(middle[1] + half, middle[1] - half)
+        axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
+        axes.set_ylim(middle[1] + half[1], middle[1] - half[1])
 
 
 def arrange_pictures(

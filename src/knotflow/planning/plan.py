@@ -22,6 +22,9 @@ VERSION = 3
 OUT_OF_REACH = "out of reach"
 """Outcome of an expansion for which no spline was found that the arm can follow."""
 
+STOPPED = "the search was stopped"
+"""Why it ended where a user stopped it."""
+
 _PLAIN = ("goal", "solved", "reason", "branches", "kept")
 _DECIMALS = 6  # of trajectories: micrometres, once float32 is widened
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.certainty import SurvivalConfig
-from knotflow.planning.plan import KnotPlan, PlanStep
+from knotflow.planning.plan import STOPPED, KnotPlan, PlanStep
 from knotflow.planning.proposals import prospect
 from knotflow.planning.rules import Expansion, Node
 from knotflow.planning.tree import Progress, SearchStoppedError, TreeSearch
@@ -96,7 +96,7 @@ class SurvivalSearch:
                     update = search.update()
                     progress(replace(update, survival=self._ropes[best].survival))
         except stops:
-            reason = "the search was stopped"
+            reason = STOPPED
         plan = search.plan(True, reason, best)
         try:
             survived = surviving(plan.steps, search.simulator, self._draw())

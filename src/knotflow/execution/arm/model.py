@@ -231,8 +231,9 @@ def load_arm(
     if tip is None or tip not in sites:
         links = [model.body(i).name for i in range(1, model.nbody)]
         raise ArmError(
-            f"{path}: which site or link is between the fingers? {tip!r} is none of "
-            f"{', '.join([*sites, *links])}"
+            f"{path}: which site or link is between the fingers? "
+            + ("Give --tip, one of " if tip is None else f"--tip {tip!r} is none of ")
+            + ", ".join([*sites, *links])
         )
     chain = _joints_to(model, int(model.site(tip).bodyid[0]))
     if not chain:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from knotflow.arrays import floats
-from knotflow.perception.camera.image import interpolated
+from knotflow.perception.camera.image import FARTHEST, interpolated
 from knotflow.perception.camera.pinhole import Camera, CameraError
 from knotflow.topology.polyline import Floats
 
@@ -145,7 +145,7 @@ class Calibration:
         """The camera at its pose, above a table at z = 0.
 
         Raises:
-            CameraError: distortion, not one pose, or one whose z points down.
+            CameraError: distortion, not one pose, or one whose z points down or is far away.
         """
         if self.distortion.size:
             raise CameraError(
@@ -160,6 +160,11 @@ class Calibration:
                 "name them, as in {x: 1, y: 0, z: 0, w: 0}"
             )
         camera = self.at(self.poses[0])
+        if (far := float(np.linalg.norm(camera.position))) > FARTHEST:
+            raise CameraError(
+                f"{self.source}: by its pose the camera is {far:.3g} m from the origin; is its "
+                "position in millimetres? Divide it by 1000"
+            )
         if camera.position[2] <= 0 or camera.rays()[camera.height // 2, camera.width // 2, 2] >= 0:
             raise CameraError(
                 f"{self.source}: by its pose the camera does not look down on the table, z = 0, "

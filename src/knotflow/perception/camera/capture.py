@@ -166,6 +166,7 @@ def _misfit(metres: NDArray, calibration: Calibration, depth: Path | str) -> str
     """How far off the table a pose is, and what would be right."""
     pose = calibration.poses[0]
     table = SeenTable.of(metres, calibration.at(_upright(pose)))
+    fitting: dict[str, bool] = {}  # and whether its z points up
     for (what, read), scale in itertools.product(_MISREADINGS.items(), (1.0, 1e-3)):
         other = np.array(pose)
         other[:3, 3] *= scale
@@ -175,9 +176,11 @@ def _misfit(metres: NDArray, calibration: Calibration, depth: Path | str) -> str
             cure = f"{' and '.join(means)} fits"
             if read is inverted:
                 cure += " (`pose` is world from camera, `extrinsic` camera from world)"
-            break
-    else:
-        cure = "without a pose in the file, the table is found in the depth image"
+            fitting[cure] = bool(read(other)[2, 3] > 0)
+    likely = [one for one, up in fitting.items() if up] or [*fitting]
+    cure = "; or ".join(likely) or (
+        "without a pose in the file, the table is found in the depth image"
+    )
     return (
         f"with this pose most of {depth} lies {table.offset:+.2f} m above z = 0, tilted by "
         f"{np.rad2deg(table.tilt):.0f} degrees, but most of an image is the table, at z = 0; {cure}"

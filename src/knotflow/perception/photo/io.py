@@ -107,8 +107,7 @@ def describe_state(
 
 def draw_photo(path: Path, rgb: NDArray[np.uint8], found: PhotoEstimate) -> None:
     """Write a picture: the photograph, and beside it with the estimate on it."""
-    height = 0.5 * rgb.shape[0] / rgb.shape[1] + 0.3 / WIDTH
-    with beside(path, rgb, height, found.state, bool(found.doubts)) as axes:
+    with beside(path, rgb, found.state, bool(found.doubts)) as axes:
         draw_rope(axes, np.column_stack([found.pixels, found.over]), 0.6 * found.width, zorder=3)
 
 
@@ -116,18 +115,18 @@ def draw_photo(path: Path, rgb: NDArray[np.uint8], found: PhotoEstimate) -> None
 def beside(
     path: Path,
     rgb: NDArray[np.uint8],
-    height: float,
     state: TopologicalState | None,
     doubtful: bool,
 ) -> Iterator[Axes]:
-    """A picture, `height` times as high as wide: an image (H, W, 3), and beside it another one, on
-    whose axes an estimate is drawn."""
+    """A picture: an image (H, W, 3), and beside it another one, on whose axes an estimate is
+    drawn."""
     from matplotlib.figure import Figure
 
     doubt = " (in doubt)" if doubtful else ""
     titles = "image", f"estimate: {state or 'state unknown'}{doubt}"
     with styled():
-        figure = Figure((WIDTH, height * WIDTH), layout="constrained")
+        height = 0.5 * WIDTH * rgb.shape[0] / rgb.shape[1] + 0.4
+        figure = Figure((WIDTH, height), layout="constrained")
         bare, drawn = figure.subplots(1, 2)
         for axes, title in zip((bare, drawn), titles, strict=True):
             axes.imshow(rgb)

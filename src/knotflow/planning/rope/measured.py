@@ -33,6 +33,7 @@ from knotflow.simulation import (
     random_curve,
     straight,
 )
+from knotflow.topology import TopologicalState
 from knotflow.topology.polyline import Floats, arc_lengths
 
 FINER, MAX_LINKS = 8, 96  # links more where the shape needs them, and the most there are
@@ -50,6 +51,11 @@ class MeasuredRope:
     frame: Frame
     remarks: tuple[str, ...] = ()
     """What was assumed, changed and found, for printing."""
+
+    @property
+    def state(self) -> TopologicalState:
+        """Its topological state."""
+        return TopologicalState.from_curve(self.points)
 
     @property
     def model(self) -> RopeConfig:
