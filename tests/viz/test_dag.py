@@ -1,7 +1,8 @@
 import pytest
+from matplotlib.patches import FancyBboxPatch
 
 from knotflow.planning import Goal, SolutionDag
-from knotflow.topology import TopologicalState, Undo, parse_action
+from knotflow.topology import TopologicalState, Undo, knot, parse_action
 from knotflow.viz.dag import dag_figure, draw_dag
 from knotflow.viz.style import SPLINE
 
@@ -49,3 +50,17 @@ def test_undo_is_drawn_beside_its_action():
     (first, second) = (patch.get_path() for patch in figure.axes[0].patches[:2])
     assert {str(there), f"undo {there}"} <= {text.get_text() for text in figure.axes[0].texts}
     assert first.get_extents().x1 < second.get_extents().x0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["slip_knot", "figure_eight"])
+def test_labels_lie_on_nothing(name):
+    figure = dag_figure(SolutionDag.to(max(knot(name))))
+    figure.draw_without_rendering()
+    (canvas,) = figure.axes
+    labels = [one.get_window_extent() for one in canvas.texts if one.get_zorder() == 3]
+    boxes = [one for one in canvas.patches if isinstance(one, FancyBboxPatch)]
+    taken = [one.get_window_extent() for one in boxes]
+    assert len(labels) > len(taken) > 8
+    for number, label in enumerate(labels):
+        assert label.count_overlaps([*labels[:number], *taken]) == 0

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
+from matplotlib.path import Path as MplPath
 from numpy.typing import NDArray
 
 from knotflow.planning.goals import SolutionDag
@@ -21,7 +22,8 @@ from knotflow.viz.style import INK, MUTED, RULE, SPLINE, save_figure, styled
 _BOX = 1.15  # inches, side of a state's box
 _CELL = np.array([1.9, 2.15])  # inches from box to box
 _CAPTION = 0.17  # inches below a box
-_LABEL_AT = 0.24  # of an edge from its tail: there edges of different states do not cross yet
+_LABELS_AT = (0.25, 0.5, 0.75, *np.arange(0.1, 0.9, 0.05).tolist())  # of the way to the next row
+_LETTER, _LINE = 0.066, 0.13  # inches of a label
 _SWEEPS = 6
 _MARGIN = 0.35  # inches
 _DPI = 110
@@ -65,8 +67,11 @@ def dag_figure(
     for begin in sorted(dag.graph):
         for action, end in dag.edges_from(begin):
             actions.setdefault((begin, end), []).append(str(action))
+    labels: list[NDArray[np.float64]] = []
     for (begin, end), names in actions.items():
-        _draw_edge(canvas, layout[begin], layout[end], names, (begin, end) in lit)
+        path = _edge_path(layout[begin], layout[end], places)
+        _draw_edge(canvas, path, (begin, end) in lit)
+        _label_edge(canvas, path, names, (begin, end) in lit, labels)
     for state, centre in layout.items():
         _draw_state(canvas, state, centre, state in dag.goals)
     return figure
@@ -101,29 +106,65 @@ def _lit_edges(
     return lit
 
 
-def _draw_edge(
-    canvas: Axes, begin: NDArray, end: NDArray, actions: Sequence[str], lit: bool
-) -> None:
-    """An arrow from box to box, down or, for an undoing, up, with its actions near its tail."""
+def _edge_path(begin: NDArray, end: NDArray, places: NDArray) -> NDArray[np.float64]:
+    """A line (N, 2) from box to box, down or, for an undoing, up, between the boxes of rows that it
+    passes; `places` (S, 2) are the centres of all boxes."""
+    from scipy.interpolate import PchipInterpolator
+
     spread = 0.35 * _BOX * float(np.clip((end - begin)[0] / _CELL[0], -1.0, 1.0))
-    down = begin[1] > end[1]
+    down = bool(begin[1] > end[1])
     # An undoing runs beside the action that it takes back.
     side = 0.0 if down else 0.4 * _BOX
     gaps = (-_BOX / 2 - _CAPTION, _BOX / 2) if down else (_BOX / 2, -_BOX / 2 - _CAPTION)
     tail, head = begin + (spread + side, gaps[0]), end + (side - spread, gaps[1])
-    passes_row = begin[1] - end[1] > 1.5 * _CELL[1]
+    points = [tail]
+    low, high = sorted((begin[1], end[1]))
+    passed = {y for y in places[:, 1].tolist() if low + 0.1 < y < high - 0.1}
+    for y in sorted(passed, reverse=down):
+        row = places[places[:, 1] == y, 0]
+        lanes = np.concatenate([row - _CELL[0] / 2, row + _CELL[0] / 2])
+        straight = np.interp(y, *np.array(sorted([tail[::-1], head[::-1]], key=lambda p: p[0])).T)
+        lane = lanes[np.abs(lanes - straight).argmin()]
+        points += [np.array([lane, y - gap]) for gap in gaps]
+    across, along = np.array([*points, head]).T
+    steps = np.linspace(0.0, 1.0, 60)
+    if not passed:
+        return tail + steps[:, None] * (head - tail)
+    order = slice(None, None, -1 if down else 1)
+    y = tail[1] + steps * (head[1] - tail[1])
+    return np.column_stack([PchipInterpolator(along[order], across[order])(y), y])
+
+
+def _draw_edge(canvas: Axes, path: NDArray, lit: bool) -> None:
+    """An arrow along a line (N, 2)."""
     colour, width = (SPLINE, 2.0) if lit else (_EDGE, 1.0)
-    bend = f"arc3,rad={0.25 if passes_row else 0.0}"
-    arrow: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "connectionstyle": bend}
-    arrow |= {"linewidth": width, "color": colour, "zorder": width}
-    canvas.add_patch(FancyArrowPatch(tuple(tail), tuple(head), **arrow))
-    x, y = tail + _LABEL_AT * (head - tail)
+    style: dict[str, Any] = {"linewidth": width, "color": colour, "zorder": width}
+    style |= {"arrowstyle": "-|>", "mutation_scale": 9}
+    canvas.add_patch(FancyArrowPatch(path=MplPath(path), **style))
+
+
+def _label_edge(
+    canvas: Axes, path: NDArray, actions: Sequence[str], lit: bool, labels: list[NDArray]
+) -> None:
+    """Actions near the tail of an edge (N, 2), where they are not on other `labels`, their lower
+    and upper corners (2, 2), to which they are added."""
+    size = np.array([_LETTER * max(map(len, actions)), _LINE * len(actions)])
+    boxed, whole = _BOX + _CAPTION, abs(path[-1, 1] - path[0, 1])
+    rows = max(1, round((whole + boxed) / _CELL[1]))
+    row = ((whole + boxed) / rows - boxed) / whole  # to the next row
+    corners = np.zeros((2, 2))
+    for share in _LABELS_AT:
+        place = path[round(share * row * (len(path) - 1))]
+        corners = np.array([place - size / 2, place + size / 2])
+        if not any((corners[0] < one[1]).all() and (one[0] < corners[1]).all() for one in labels):
+            break
+    labels.append(corners)
     style: dict[str, Any] = {"color": INK, "fontsize": 7, "ha": "center", "va": "center"}
     if lit:
         style |= {"color": SPLINE, "weight": "bold"}
     box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.9}
-    name = "\n".join(actions)
-    canvas.text(x, y, name, bbox=box, zorder=3, **style)
+    x, y = corners.mean(axis=0)
+    canvas.text(x, y, "\n".join(actions), bbox=box, zorder=3, **style)
 
 
 def _draw_state(canvas: Axes, state: TopologicalState, centre: NDArray, goal: bool) -> None:
