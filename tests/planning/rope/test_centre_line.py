@@ -62,6 +62,16 @@ def test_noise_is_smoothed(tmp_path, count, noise):
     assert any("rms) off a smooth curve" in remark for remark in rope.remarks) == (count > 100)
 
 
+@pytest.mark.parametrize(("count", "noise"), [(60, 0.006), (99, 0.005)])
+def test_noise_as_long_as_the_steps_is_smoothed_of_fewer_points(tmp_path, count, noise):
+    points = line(OVERHAND, count)
+    noisy = points + np.random.default_rng(1).normal(0, noise, points.shape) * [1, 1, 0.3]
+    rope = measured(tmp_path, noisy)
+    assert state_of(rope) == OVERHAND
+    assert rope.size.length == pytest.approx(1.0, abs=0.06)
+    assert any("rms) off a smooth curve" in remark for remark in rope.remarks)
+
+
 @pytest.mark.parametrize("unit", ["m", "cm", "mm"])
 def test_points_come_back_in_frame_and_unit(tmp_path, unit):
     turn = Rotation.from_rotvec([0.3, -0.2, 0.0]).as_matrix()

@@ -24,7 +24,8 @@ share of its length."""
 MOST_TILT = np.deg2rad(45.0)  # of the table; beyond, `up` has to be said
 CUT_OUT = 0.02  # share of a closed curve that is left out where it is cut
 LEAST_GAP = 0.1  # diameters by which the strands of a crossing differ in height at least
-DENSE = 100  # points from which on a centre line is smoothed
+DENSE = 100  # points from which on a centre line is smoothed,
+FEWER, NOISY_TURN = 40, 0.5  # or so many with this median turn, radians
 TOLD, MOST_TURN = 12, 1.8  # of so many points, the median turn of those in order, radians
 MOST_NOISE = 0.02  # of smoothed points, in lengths of the rope
 MOST_NAMED = 12  # crossings in a message
@@ -157,20 +158,26 @@ def _cut(table: RopeTable, cut: int | str | None) -> tuple[RopeTable, tuple[str,
 
 def _check_order(table: RopeTable) -> None:
     """Raises `RopeInputError` where the points turn more than those of a line do."""
-    steps = np.diff(table.points, axis=0)
-    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
-    turns = np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0))
-    if TOLD <= len(table.points) < DENSE and np.median(turns) > MOST_TURN:
+    turn = _median_turn(table.points)
+    if TOLD <= len(table.points) < DENSE and turn > MOST_TURN:
         raise RopeInputError(
             f"{table.name}: points out of order: at each the line through them turns by "
-            f"{np.rad2deg(np.median(turns)):.0f} degrees (median). Order them from head to tail"
+            f"{np.rad2deg(turn):.0f} degrees (median). Order them from head to tail"
         )
 
 
+def _median_turn(points: Floats) -> float:
+    """Median angle between successive steps of a line (N, D), radians."""
+    steps = np.diff(points, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    return float(np.median(np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0))))
+
+
 def _smoothed(table: RopeTable) -> tuple[RopeTable, tuple[str, ...]]:
-    """The table without the noise of dense points, which generalised cross-validation tells."""
+    """The table without the noise of dense points, or of fewer that turn much, which generalised
+    cross-validation tells."""
     points = table.points
-    if len(points) < DENSE:
+    if len(points) < DENSE and (len(points) < FEWER or _median_turn(points) < NOISY_TURN):
         return table, ()
     bends = np.diff(np.eye(len(points)), n=2, axis=0)
     rough, modes = np.linalg.eigh(bends.T @ bends)

@@ -21,6 +21,8 @@ from knotflow.topology.polyline import Floats, arc_lengths, interpolate
 ROPE_NAMES = ("straight", "arc", "random")
 """Ropes that are generated."""
 SUFFIXES = (".csv", ".npy", ".xyz", ".vect")
+FARTHEST = 1e6
+"""Metres from the origin, that a point may be along an axis."""
 MIN_POINTS = 5
 MAX_POINTS = 1001
 """Most points that are kept, evenly along the curve: reading crossings takes memory with the
@@ -108,6 +110,8 @@ def checked(table: RopeTable) -> RopeTable:
             f"{name}: point {number} (counted from 0) is {points[number].tolist()}; all numbers "
             "must be finite, so leave out points that were not measured"
         )
+    if (far := float(np.abs(points).max())) > FARTHEST:
+        raise RopeInputError(f"{name}: a point is {far:.3g} m from the origin; no rope lies there")
     apart = np.r_[True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.0]
     if apart.sum() == 1:
         raise RopeInputError(f"{name}: all points are the same")
