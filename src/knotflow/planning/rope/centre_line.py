@@ -25,8 +25,9 @@ MOST_TILT = np.deg2rad(45.0)  # of the table; beyond, `up` has to be said
 CUT_OUT = 0.02  # share of a closed curve that is left out where it is cut
 LEAST_GAP = 0.1  # diameters by which the strands of a crossing differ in height at least
 DENSE = 100  # points from which on a centre line is smoothed,
-FEWER, NOISY_TURN = 40, 0.5  # or so many with this median turn, radians
-TOLD, MOST_TURN = 12, 1.8  # of so many points, the median turn of those in order, radians
+MIN_SMOOTHED, NOISY_TURN = 40, 0.5  # or so many with this median angle between steps, radians
+MIN_ORDERED = 12  # points, of which the order is judged
+MOST_TURN = 1.8  # median angle between steps of points in order, radians
 MOST_NOISE = 0.02  # of smoothed points, in lengths of the rope
 MOST_NAMED = 12  # crossings in a message
 MOST_OFF = 0.015  # farthest that a rope may lie from its curve, in its lengths
@@ -159,7 +160,7 @@ def _cut(table: RopeTable, cut: int | str | None) -> tuple[RopeTable, tuple[str,
 def _check_order(table: RopeTable) -> None:
     """Raises `RopeInputError` where the points turn more than those of a line do."""
     turn = _median_turn(table.points)
-    if TOLD <= len(table.points) < DENSE and turn > MOST_TURN:
+    if MIN_ORDERED <= len(table.points) < DENSE and turn > MOST_TURN:
         raise RopeInputError(
             f"{table.name}: points out of order: at each the line through them turns by "
             f"{np.rad2deg(turn):.0f} degrees (median). Order them from head to tail"
@@ -177,7 +178,7 @@ def _smoothed(table: RopeTable) -> tuple[RopeTable, tuple[str, ...]]:
     """The table without the noise of dense points, or of fewer that turn much, which generalised
     cross-validation tells."""
     points = table.points
-    if len(points) < DENSE and (len(points) < FEWER or _median_turn(points) < NOISY_TURN):
+    if len(points) < DENSE and (len(points) < MIN_SMOOTHED or _median_turn(points) < NOISY_TURN):
         return table, ()
     bends = np.diff(np.eye(len(points)), n=2, axis=0)
     rough, modes = np.linalg.eigh(bends.T @ bends)

@@ -58,14 +58,11 @@ def parse_length(text: str) -> float:
     Raises:
         RopeInputError: it is no length, of no rope, or unusual and without a unit.
     """
-    length = parse_metres(text, "--length")
-    low, high = LENGTHS if text.strip()[-1].isalpha() else USUAL_LENGTHS
+    length, has_unit = parse_metres(text, "--length"), text.strip()[-1].isalpha()
+    low, high = LENGTHS if has_unit else USUAL_LENGTHS
     if not low <= length <= high:
-        raise RopeInputError(
-            f"--length {text}: "
-            + ("" if text.strip()[-1].isalpha() else "without a unit (m, cm, mm), ")
-            + f"a rope is {low:g} to {high:g} m long"
-        )
+        bare = "" if has_unit else "without a unit (m, cm, mm), "
+        raise RopeInputError(f"--length {text}: {bare}a rope is {low:g} to {high:g} m long")
     return length
 
 
