@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.arrays import floats
-from knotflow.topology.polyline import Floats, arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths, interpolate
 
 SPLINE_NAMES = ("grasp", "mid_x", "mid_y", "height", "end_x", "end_y")
 SPLINE_LOW = np.array([0.0, -0.6, -0.6, 0.02, -0.6, -0.6])
@@ -135,4 +135,4 @@ def along_path(path: Floats, shares: Floats) -> Floats:
     """Positions (N, 3) at shares (N,) of the length of a polyline (P, 3), 0 to 1."""
     reached = arc_lengths(path)
     reached /= np.maximum(reached[-1:], 1e-12)
-    return np.stack([np.interp(shares, reached, column) for column in path.T], axis=-1)
+    return interpolate(shares, reached, path)

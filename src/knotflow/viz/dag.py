@@ -112,27 +112,26 @@ def _edge_path(begin: NDArray, end: NDArray, places: NDArray) -> NDArray[np.floa
     from scipy.interpolate import PchipInterpolator
 
     spread = 0.35 * _BOX * float(np.clip((end - begin)[0] / _CELL[0], -1.0, 1.0))
-    down = bool(begin[1] > end[1])
+    down = begin[1] > end[1]
     # An undoing runs beside the action that it takes back.
     side = 0.0 if down else 0.4 * _BOX
     gaps = (-_BOX / 2 - _CAPTION, _BOX / 2) if down else (_BOX / 2, -_BOX / 2 - _CAPTION)
     tail, head = begin + (spread + side, gaps[0]), end + (side - spread, gaps[1])
-    points = [tail]
+    straight = np.linspace(tail, head, 60)
     low, high = sorted((begin[1], end[1]))
     passed = {y for y in places[:, 1].tolist() if low + 0.1 < y < high - 0.1}
-    for y in sorted(passed, reverse=down):
+    if not passed:
+        return straight
+    points = [tail, head]
+    for y in passed:
         row = places[places[:, 1] == y, 0]
         lanes = np.concatenate([row - _CELL[0] / 2, row + _CELL[0] / 2])
-        straight = np.interp(y, *np.array(sorted([tail[::-1], head[::-1]], key=lambda p: p[0])).T)
-        lane = lanes[np.abs(lanes - straight).argmin()]
+        x = tail[0] + (y - tail[1]) / (head[1] - tail[1]) * (head[0] - tail[0])
+        lane = lanes[np.abs(lanes - x).argmin()]
         points += [np.array([lane, y - gap]) for gap in gaps]
-    across, along = np.array([*points, head]).T
-    steps = np.linspace(0.0, 1.0, 60)
-    if not passed:
-        return tail + steps[:, None] * (head - tail)
-    order = slice(None, None, -1 if down else 1)
-    y = tail[1] + steps * (head[1] - tail[1])
-    return np.column_stack([PchipInterpolator(along[order], across[order])(y), y])
+    across, along = np.array(sorted(points, key=lambda point: point[1])).T
+    height = straight[:, 1]
+    return np.column_stack([PchipInterpolator(along, across)(height), height])
 
 
 def _draw_edge(canvas: Axes, path: NDArray, lit: bool) -> None:

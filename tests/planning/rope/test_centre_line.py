@@ -52,24 +52,24 @@ def test_any_size_keeps_its_state(tmp_path, length, ratio):
     np.testing.assert_allclose(in_file(rope)[[0, -1]], points[[0, -1]], atol=0.02 * length)
 
 
-@pytest.mark.parametrize(("count", "noise"), [(25, 0.003), (60, 0.002), (300, 0.001), (900, 0.002)])
-def test_noise_is_smoothed(tmp_path, count, noise):
+@pytest.mark.parametrize(
+    ("count", "noise", "smoothed"),
+    [
+        (25, 0.003, False),
+        (60, 0.002, False),
+        (60, 0.006, True),
+        (99, 0.005, True),
+        (300, 0.001, True),
+        (900, 0.002, True),
+    ],
+)
+def test_noise_is_smoothed(tmp_path, count, noise, smoothed):
     points = line(OVERHAND, count)
     noisy = points + np.random.default_rng(1).normal(0, noise, points.shape) * [1, 1, 0.3]
     rope = measured(tmp_path, noisy)
     assert state_of(rope) == OVERHAND
     assert rope.size.length == pytest.approx(1.0, abs=0.06)
-    assert any("rms) off a smooth curve" in remark for remark in rope.remarks) == (count > 100)
-
-
-@pytest.mark.parametrize(("count", "noise"), [(60, 0.006), (99, 0.005)])
-def test_noise_as_long_as_the_steps_is_smoothed_of_fewer_points(tmp_path, count, noise):
-    points = line(OVERHAND, count)
-    noisy = points + np.random.default_rng(1).normal(0, noise, points.shape) * [1, 1, 0.3]
-    rope = measured(tmp_path, noisy)
-    assert state_of(rope) == OVERHAND
-    assert rope.size.length == pytest.approx(1.0, abs=0.06)
-    assert any("rms) off a smooth curve" in remark for remark in rope.remarks)
+    assert any("rms) off a smooth curve" in remark for remark in rope.remarks) == smoothed
 
 
 @pytest.mark.parametrize("unit", ["m", "cm", "mm"])
