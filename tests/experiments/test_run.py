@@ -3,13 +3,16 @@ import re
 import shutil
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
+import hydra
 import pytest
 import yaml
 from tests.experiments.configuration import composed
 
 from knotflow.experiments.config import HOME, experiments
-from knotflow.experiments.run import check_added, stale, workflow_of
+from knotflow.experiments import run
+from knotflow.experiments.run import check_added, run_experiment, stale, workflow_of
 from knotflow.report.page import PAPER
 from knotflow.workflow import WorkflowError, dependencies
 
@@ -58,6 +61,17 @@ def swept(name):
 
 def test_the_sweep_over_all_experiments_names_each():
     assert sorted([*swept("everything"), "learning_options", "real_images"]) == EXPERIMENTS
+
+
+def test_a_job_of_a_sweep_runs_as_its_experiment_does(monkeypatch):
+    made = []
+    monkeypatch.setattr(run, "run_workflow", lambda *made_of, **how: made.append((made_of, how)))
+    overrides = ["+workflows@workflow=overhand", "+experiment=paper", "budget=smoke"]
+    with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
+        run_experiment(hydra.compose("config", overrides=overrides), overrides)
+    [((workflow, folder), how)] = made
+    assert workflow == bound("overhand", "smoke") and folder == Path("results/smoke")
+    assert how["name"] == "overhand" and how["overrides"] == []
 
 
 def test_the_paper_is_the_experiments_that_the_report_says_are_its():

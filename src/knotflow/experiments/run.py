@@ -30,7 +30,9 @@ from knotflow.workflow.key import digest
 from knotflow.workflow.stage import STAGES
 
 log = logging.getLogger(__name__)
-_ELSEWHERE = re.compile(r"\+?(experiment|budget|results_dir|results_name)=|\+?(workers|hydra)\b")
+_ELSEWHERE = re.compile(
+    r"\+?(experiment|workflows@workflow|budget|results_dir|results_name)=|\+?(workers|hydra)\b"
+)
 """Overrides that no stage takes."""
 
 for module in pkgutil.iter_modules(knotflow.experiments.__path__, "knotflow.experiments."):
