@@ -10,8 +10,8 @@ import pytest
 import yaml
 from tests.experiments.configuration import composed
 
-from knotflow.experiments.config import HOME, experiments
 from knotflow.experiments import run
+from knotflow.experiments.config import HOME, experiments, register
 from knotflow.experiments.run import check_added, run_experiment, stale, workflow_of
 from knotflow.report.page import PAPER
 from knotflow.workflow import WorkflowError, dependencies
@@ -66,6 +66,7 @@ def test_the_sweep_over_all_experiments_names_each():
 def test_a_job_of_a_sweep_runs_as_its_experiment_does(monkeypatch):
     made = []
     monkeypatch.setattr(run, "run_workflow", lambda *made_of, **how: made.append((made_of, how)))
+    register()
     overrides = ["+workflows@workflow=overhand", "+experiment=paper", "budget=smoke"]
     with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
         run_experiment(hydra.compose("config", overrides=overrides), overrides)
