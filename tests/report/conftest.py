@@ -14,8 +14,8 @@ import yaml
 
 from knotflow import statistics
 from knotflow.report import section
-from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results
+from knotflow.report.sections import SECTIONS
 
 ACTIONS = (
     *("R1(0,1,1)", "R2(0,0,1,1)", "C(0,1,1)", "C(0,2,1)"),

@@ -13,9 +13,10 @@ import pytest
 from knotflow.report import ResultsError, make
 from knotflow.report.__main__ import main
 from knotflow.report.markdown import slug
-from knotflow.report.page import SECTIONS, beside, timing
+from knotflow.report.page import beside
 from knotflow.report.results import NotMeasured, Results
 from knotflow.report.section import Figures, texts
+from knotflow.report.sections import SECTIONS
 
 ROOT = Path(__file__).parents[2]
 
@@ -194,40 +195,6 @@ def test_each_section_has_its_words_and_a_part_for_every_slot(everything, undraw
         slots = {slot for _, slot, _, _ in Formatter().parse(section.text.results) if slot}
         with suppress(NotMeasured):
             assert slots <= section.parts(results, Figures(results)).keys()
-
-
-def run_times(write):
-    return timing(Results(write.root))
-
-
-def test_nothing_recorded_is_said(write):
-    write.run("goals", {})
-    assert run_times(write) == "No run has recorded its stages yet."
-
-
-def test_time_by_experiment_and_shared_stages_once(write):
-    write.run("goals", {"goals": {"key": "g", "seconds": 90.0}})
-    write.run("knots", {"again": {"key": "g", "seconds": 0.1}, "knots": {"seconds": 30.0}})
-    text = run_times(write)
-    assert "took 2 min 0 s in 2 stages" in text
-    assert "| `goals` | 1 | 1 min 30 s |" in text
-    assert "| `knots` | 1 | 30 s |" in text
-
-
-def test_time_of_a_shared_stage_counts_for_the_first_experiment_of_the_report(write):
-    write.run("ablation_actor_critic", {"imitation": {"key": "i", "seconds": 60.0}})
-    write.run("single_stage", {"imitation": {"key": "i", "seconds": 60.0}})
-    text = run_times(write)
-    assert "| `single_stage` | 1 | 1 min 0 s |" in text
-    assert "ablation_actor_critic" not in text
-
-
-def test_time_by_kind(write):
-    write.run("tree_size", {"searches": {"seconds": 60.0}})
-    write.run("strand_training", {"strand_training": {"seconds": 120.0}}, ships={"a": "b"})
-    write.run("knots", {"knots": {"seconds": 30.0}})
-    text = run_times(write)
-    assert "the paper's 1 min 0 s, trainings of what ships 2 min 0 s and others 30 s" in text
 
 
 @pytest.mark.parametrize(

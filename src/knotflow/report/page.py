@@ -9,83 +9,14 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-import pandas as pd
-
-from knotflow.report import (
-    actions,
-    branches,
-    causal_infogan,
-    demonstration_quality,
-    execution,
-    knots,
-    perception,
-    robustness,
-    ropes,
-    single_stage,
-    training,
-)
 from knotflow.report import markdown as md
-from knotflow.report.results import NotMeasured, Results, read_table
-from knotflow.report.section import Claim, Figures, Judgement, Parts, Section, Verdict
+from knotflow.report.budgets import TEMPLATE, in_an_afternoon, timing
+from knotflow.report.results import Results
+from knotflow.report.section import Claim, Figures, Judgement, Section, Verdict
+from knotflow.report.sections import CLAIMS, FURTHER, PAPER, SECTIONS, plain
 from knotflow.report.spans import fill, pages
 from knotflow.statistics import RESAMPLES
 
-TEMPLATE = Path(__file__).with_name("report.md")
-ROWS_SHOWN = 20
-"""Of the tables of an experiment without a body of its own."""
-
-
-def plain(experiment: str, results: Results, _: Figures) -> Parts:
-    """Every table of an experiment."""
-    found = results.measured(experiment)
-    if not found:
-        raise NotMeasured(f"needs tables in {experiment}")
-    tables = []
-    for path in found.tables:
-        table = read_table(path)
-        rows = table.head(ROWS_SHOWN).to_dict("records")
-        more = f", the first {len(rows)} of {len(table)} rows" if len(table) > len(rows) else ""
-        tables.append(md.table(rows, f"**{path.name}**{more}:"))
-    return {"tables": md.join(*tables)}
-
-
-PAPER = (
-    Section("overhand", knots.overhand),
-    Section("demonstrator", ropes.demonstrations),
-    Section("single_stage", single_stage.single_stage, single_stage.SINGLE_STAGE_CLAIMS),
-    Section("tree_size", branches.tree_size, branches.SIZE_CLAIMS),
-    Section("ablation_actor_critic", single_stage.ablation, single_stage.ABLATION_CLAIMS),
-    Section("joint_finetuning", branches.joint_finetuning, branches.JOINT_CLAIMS),
-    Section("causal_infogan", causal_infogan.causal_infogan, causal_infogan.CLAIMS),
-    Section("pentagram", knots.pentagram, (knots.PENTAGRAM_CLAIM,)),
-)
-"""In the order of the paper. To add one: write its parts, and its words in sections.md."""
-FURTHER = (
-    Section("demonstration_quality", demonstration_quality.demonstration_quality),
-    Section("learning_options", single_stage.options),
-    Section("library_training", training.library),
-    Section("knots", knots.knots),
-    Section("bowline", knots.bowline),
-    Section("goals", knots.goals),
-    Section("goals_long_rope", knots.long_rope),
-    Section("published_goals", knots.published_goals),
-    Section("goals_ablation", knots.ablation),
-    Section("actions", actions.actions),
-    Section("robustness", robustness.robustness),
-    Section("ropes", robustness.lab_ropes),
-    Section("perception", perception.perception),
-    Section("real_images", perception.real_images),
-    Section("strand_training", partial(training.network, "strand_training")),
-    Section("tracking", perception.tracking),
-    Section("dynamics", perception.dynamics),
-    Section("dynamics_training", partial(training.network, "dynamics_training")),
-    Section("closed_loop", execution.closed_loop),
-    Section("closed_loop_ablation", execution.ablation),
-    Section("arm", execution.arm),
-    Section("benchmark", partial(plain, "benchmark")),
-)
-SECTIONS = {section.experiment: section for section in PAPER + FURTHER}
-CLAIMS = [(section, claim) for section in SECTIONS.values() for claim in section.claims]
 COUNTED = {
     Verdict.HOLDS: ("holds", "hold"),
     Verdict.PARTLY: ("holds partly", "hold partly"),
@@ -181,6 +112,7 @@ def compose(results: Results, figures: Figures) -> str:
         paper=paper,
         further=beyond,
         timing=timing(results),
+        afternoon=in_an_afternoon(results),
         rope=f"{rope['length']:g} m long, {1000 * rope['radius']:g} mm in radius, "
         f"{rope['links']} links"
         if rope
@@ -330,44 +262,3 @@ def _others(results: Results) -> list[Section]:
         and name not in SECTIONS
         and (found.run.get("workflow") or found.config.get("workflow")) not in SECTIONS
     ]
-
-
-def timing(results: Results) -> str:
-    """The time of each experiment, every stage counted once, and of each kind of experiment."""
-    names = [name for name in SECTIONS if name in results.experiments]
-    names += [name for name in results.experiments if name not in SECTIONS]
-    every = pd.DataFrame(
-        [
-            (name, node, made.get("key") or made.get("signature") or f"{name}/{node}",
-             made["seconds"])
-            for name in names
-            for node, made in results.experiments[name].stages.items()
-            if made.get("seconds") is not None
-        ],
-        columns=["experiment", "node", "identity", "seconds"],
-    )  # fmt: skip
-    if every.empty:
-        return "No run has recorded its stages yet."
-    # Where a stage took next to nothing, it was found done.
-    longest = every.groupby("identity")["seconds"].transform("max")
-    timed = every[every["seconds"] >= longest / 10].drop_duplicates("identity")
-    seconds = timed.groupby("experiment", sort=False)["seconds"].agg(["size", "sum"])
-    paper = seconds.index.isin([section.experiment for section in PAPER])
-    ships = (
-        seconds.index.isin(
-            [name for name, found in results.experiments.items() if found.run.get("ships")]
-        )
-        & ~paper
-    )
-    kinds = (paper, "the paper's"), (ships, "trainings of what ships"), (~paper & ~ships, "others")
-    parts = [f"{kind} {md.duration(seconds['sum'][own].sum())}" for own, kind in kinds if own.any()]
-    rows = [
-        {"experiment": f"`{name}`", "stages": str(count), "time": md.duration(spent)}
-        for name, count, spent in seconds.itertuples()
-    ]
-    return md.join(
-        f"All experiments took {md.duration(timed['seconds'].sum())} in {len(timed)} stages: "
-        f"{md.listed(parts)}. Times are wall-clock; a stage that several experiments share is "
-        "counted once, with the first.",
-        md.table(rows),
-    )

@@ -151,6 +151,11 @@ class Results:
             if folder.is_dir() and folder.name not in NO_EXPERIMENT and folder.name[0] not in "._"
         }
 
+    @cached_property
+    def afternoon(self) -> Results | None:
+        """Those of budget=afternoon, which are in a folder of their own; None without any."""
+        return Results(folder) if (folder := self.root / "afternoon").is_dir() else None
+
     def measured(self, experiment: str) -> Experiment | None:
         """An experiment, None where it was not run."""
         found = self.experiments.get(experiment)
