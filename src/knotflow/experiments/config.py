@@ -45,7 +45,7 @@ class Config:
     experiment: str = "${workflow.name}"
     """Set by +experiment=NAME."""
     budget: str = MISSING
-    """Name of the counts in use, set by budget=paper|smoke."""
+    """Name of the counts in use, set by budget=paper|afternoon|smoke."""
     results_dir: str = "results"
     """Where results/<experiment>/ and results/stages/ are."""
     results_name: str = "${experiment}"
