@@ -155,6 +155,26 @@ def test_runs_of_one_experiment_side_by_side_do_not_disturb_each_other(go, read,
     assert publish is not None
 
 
+def test_what_another_process_makes_is_left_to_it(go, read, root, tmp_path, monkeypatch, capsys):
+    stages = root["workflow"]["stages"]
+    stages["more"] = {"stage": "toy_numbers", "seed": 2}
+    stages["of_more"] = {"stage": "toy_sum", "toy_numbers": "more"}
+    root["workflow"]["results"]["more.txt"] = "of_more/sum.txt"
+    folders = {name: read().folder(name, tmp_path / "results") for name in read().nodes}
+    their = folders["toy_numbers"].lock()
+    assert their.__enter__()
+
+    def end_theirs(seconds):
+        done = [name for name, folder in folders.items() if folder.final.is_dir()]
+        assert done == ["more", "of_more"]  # all that needs not wait
+        their.__exit__(None, None, None)
+
+    monkeypatch.setattr("knotflow.workflow.run.time.sleep", end_theirs)
+    folder = go()
+    assert [(folder / name).read_text() for name in ("sum.txt", "more.txt")] == ["7.5", "10.5"]
+    assert capsys.readouterr().out.count("waiting for another process: it makes") == 1
+
+
 def test_a_checkout_that_is_not_installed_has_no_version(monkeypatch):
     def version(name):
         if name == "knotflow":

@@ -12,7 +12,8 @@ import logging
 import platform
 import shutil
 import subprocess
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
@@ -32,6 +33,8 @@ CONFIG, RUN = "config.yaml", "run.json"
 GENERATED = ("results", "reports")  # made by runs themselves: they do not make the code dirty
 PUBLISHED = "key code components libraries inputs seconds cpus commit dirty versions".split()
 """What run.json keeps of the record of a stage."""
+POLL = 0.2
+"""Seconds between two looks at what another process makes."""
 log = logging.getLogger(__name__)
 
 
@@ -45,6 +48,9 @@ def run_workflow(
     workers: WorkersConfig | None = None,
 ) -> Path:
     """Run what is not finished yet and fill results_dir/<name>/; returns that folder.
+
+    Runs of the same results_dir share the work: each makes the first stage that no other makes and
+    that waits for none.
 
     `results_dir` holds experiments and `stages/`; `name` is that of the results folder, by default
     the workflow's, and `budget` and `overrides` go into run.json. Without `workers`, shards run one
@@ -66,17 +72,43 @@ def run_workflow(
     code = code_state(Path(__file__).parent)
     workers = workers or WorkersConfig(jobs=1)
     records = {
-        name: _make(node, workflow, folders, workers, code)
-        if name in needed
-        else workflow.identities[name] | {"key": workflow.keys[name]}
-        for name, node in workflow.nodes.items()
+        node: workflow.identities[node] | {"key": workflow.keys[node]} for node in workflow.nodes
     }
-    with store.locked(results_dir / "stages" / f"{name}.lock", f"it publishes {name}"):
-        head = {"experiment": name, "budget": budget, "overrides": [*overrides]}
-        publish(workflow, folder, folders, records, head)
+    waiting = [node for node in workflow.nodes if node in needed]
+
+    def make_next() -> bool:
+        ready = (node for node in waiting if not workflow.nodes[node].needs() & {*waiting})
+        for node in ready:
+            if made := _make(workflow.nodes[node], workflow, folders, workers, code):
+                records[node] = made
+                waiting.remove(node)
+                return True
+        return False
+
+    while waiting:
+        _once_free(make_next, lambda: f"it makes {folders[waiting[0]].relative}")
+    head = {"experiment": name, "budget": budget, "overrides": [*overrides]}
+
+    def publish_all() -> bool:
+        with store.locked(results_dir / "stages" / f"{name}.lock") as held:
+            if held:
+                publish(workflow, folder, folders, records, head)
+            return held
+
+    _once_free(publish_all, lambda: f"it publishes {name}")
     seconds = sum(record.get("seconds", 0.0) for record in records.values())
     log.info("%s: finished, %.0f s in all; results in %s", name, seconds, folder)
     return folder
+
+
+def _once_free(work: Callable[[], bool], waiting: Callable[[], str]) -> None:
+    """Do `work`, which another process may have in hand, as soon as it can be done."""
+    told = False
+    while not work():
+        if not told:
+            print(f"waiting for another process: {waiting()}", flush=True)
+        told = True
+        time.sleep(POLL)
 
 
 def _check_folder(folder: Path, name: str, workflow: Workflow) -> None:
@@ -109,16 +141,19 @@ def _make(
     folders: Mapping[str, StageFolder],
     workers: WorkersConfig,
     code: Mapping[str, Any],
-) -> dict[str, Any]:
-    """The record of a node's output, which is made if it is not there."""
+) -> dict[str, Any] | None:
+    """The record of a node's output, which is made if it is not there; None while another process
+    makes it."""
 
     def path(source: Source) -> Path:
         return folders[source].final if isinstance(source, str) else source
 
     folder = folders[node.name]
-    with folder.lock():
+    with folder.lock() as held:
         if folder.state() == "done":
             return folder.record()
+        if not held:
+            return None
         folder.partial.mkdir(parents=True, exist_ok=True)
         store.remove_abandoned(folder.partial)
         run = StageRun(folder.partial, folder.key, workers)

@@ -92,17 +92,17 @@ def _is_alive(pid: int) -> bool:
 
 
 @contextmanager
-def locked(path: Path, waiting: str) -> Iterator[None]:
-    """Hold a lock file; says `waiting` if another process has it. A killed process frees it."""
+def locked(path: Path) -> Iterator[bool]:
+    """Hold a lock file; False if another process has it. A killed process frees it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     lock = FileLock(path)
     try:
         lock.acquire(timeout=0)
     except Timeout:
-        print(f"waiting for another process: {waiting}", flush=True)
-        lock.acquire(poll_interval=0.1)
+        yield False
+        return
     try:
-        yield
+        yield True
     finally:
         lock.release()
 
@@ -135,8 +135,8 @@ class StageFolder:
         return "done" if self.final.exists() else "resume" if self.partial.exists() else "run"
 
     def lock(self) -> Any:
-        """Keeps other processes from making the same output."""
-        return locked(self.final.with_name(f"{self.key}.lock"), f"it makes {self.relative}")
+        """Keeps other processes from making the same output; see `locked`."""
+        return locked(self.final.with_name(f"{self.key}.lock"))
 
     def record(self) -> dict[str, Any]:
         """What `finish` recorded.
