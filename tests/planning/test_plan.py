@@ -60,6 +60,7 @@ def test_json_without_trajectories_still_gives_waypoints(plan):
 
 def test_what_is_no_plan_is_refused(plan):
     data = json.loads(plan.to_json())
+    first = data["steps"][0]
     for text, message in [
         ("{", "cannot be read"),
         ("[]", "cannot be read"),
@@ -69,7 +70,10 @@ def test_what_is_no_plan_is_refused(plan):
         (json.dumps(data | {"start_state": None}), "None is not a state's text"),
         (json.dumps(data | {"tried": [1]}), "cannot be read"),
         (json.dumps(data | {"radius_m": None}), "cannot be read"),
-        (json.dumps(data | {"steps": [data["steps"][0] | {"spline": 1.5}]}), "cannot be read"),
+        (json.dumps(data | {"steps": [first | {"spline": 1.5}]}), "cannot be read"),
+        (json.dumps(data | {"steps": [first | {"times_s": [10**400]}]}), "cannot be read"),
+        (json.dumps(data | {"steps": [first | {"end_m": [[0, 0, 0]]}]}), "a step ends with a rope"),
+        (json.dumps(data | {"frame": data["frame"] | {"unit": "ft"}}), "unknown unit 'ft'"),
         (json.dumps(data | {"worlds": 16, "survived": []}), "it survived 0 of 3 steps"),
         ("[" * 100_000, "cannot be read"),
     ]:

@@ -7,6 +7,7 @@ import pytest
 
 from knotflow.samplers import IcpConfig, IcpSampler
 from knotflow.samplers.icp import AUTHORS_STD, align
+from knotflow.samplers.sampler import has_capability
 from knotflow.simulation import RopeConfig, Trials, random_curve
 from knotflow.topology import TopologicalState, parse_action
 
@@ -125,3 +126,8 @@ def test_an_action_without_demonstration_is_refused(rng):
     sampler = IcpSampler(trials([random_curve(ROPE, rng)], [np.full(6, 0.1)]), IcpConfig())
     with pytest.raises(ValueError, match=r"no demonstration of C\(0,1,1\).*R1\(0,1,1\)"):
         sampler.sample(random_curve(ROPE, rng), parse_action("C(0,1,1)"), 1, rng)
+
+
+def test_it_is_asked_for_nothing_that_was_not_demonstrated():
+    icp = IcpSampler({}, IcpConfig())
+    assert not any(has_capability(icp, name) for name in ("undo", "arrange", "values"))

@@ -119,3 +119,7 @@ def test_checked_points_are_the_posed_shape(rng):
 def test_invalid_ropes_are_rejected(wrong):
     with pytest.raises(ValueError, match="rope"):
         replace(RopeConfig(), **wrong)
+
+
+def test_a_whole_number_of_links_may_come_as_a_float():
+    assert straight(RopeConfig(links=40.0)).shape == (41, 3)

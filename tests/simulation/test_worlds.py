@@ -137,3 +137,8 @@ def test_worlds_have_the_simulators_rope_and_one_is_a_spline_s(fast, rng):
 def test_ranges_that_nothing_can_be_drawn_from_are_refused(values):
     with pytest.raises(ValueError, match="of worlds"):
         WorldsConfig(**values)
+
+
+def test_an_unknown_level_is_named_before_anything_is_drawn():
+    with pytest.raises(ValueError, match="unknown level 3; valid levels: 0, 1, 2"):
+        WorldsConfig(level=3)

@@ -24,6 +24,8 @@ from knotflow.training.config import ExplorationConfig
         (ExplorationConfig, {"search": 0.8}, "at most 1 together, got 0.8 and 0.3"),
         (ExplorationConfig, {"spread": -0.1}, "got 0.4 and -0.1"),
         (JointConfig, {"goal": "ovrhand"}, "unknown knot 'ovrhand'; valid names: unknot"),
+        (JointConfig, {"goal": "unknot"}, "there is nothing to tie in the unknot"),
+        (KnotsConfig, {"crossings_shares": [1.0]}, "there is nothing to tie, got 1"),
         (KnotsConfig, {"knots": {"trefoll": 1.0}}, "unknown knot 'trefoll'; valid names: unknot"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
@@ -14,11 +15,14 @@ from knotflow.threads import one_thread
 from knotflow.topology import parse_action
 from knotflow.training import LearnerConfig
 from knotflow.training.buffers import TransitionBuffer
+from knotflow.training.config import ExplorationConfig
 from knotflow.training.learner import (
+    POLICY,
     Learner,
     actor_loss,
     critic_loss,
     demonstration_buffer,
+    explore,
     fit_each,
     is_reset_round,
     returns,
@@ -241,3 +245,11 @@ def test_gains_only_leaves_out_trials_below_the_baseline(batch):
     pushed, gains = (LearnerConfig(failure_weight=1.0, gains_only=one) for one in (False, True))
     assert actor_loss(actor, batch, pushed)["loss_actor"] != 0
     assert actor_loss(actor, batch, gains)["loss_actor"] == 0
+
+
+def test_shares_of_exploration_may_add_up_to_all(primitive_config, curves):
+    encoded = encode(curves, [R1] * len(curves))
+    config = ExplorationConfig(search=0.9, spread=0.1, population=8)
+    rng = np.random.default_rng(0)
+    splines, ways = explore(Primitive(primitive_config), encoded, 2, config, 0.0, rng)
+    assert splines.shape == (len(curves), 2, 6) and POLICY not in ways

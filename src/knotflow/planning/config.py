@@ -38,8 +38,9 @@ class PlannerConfig:
     max_seconds: float = 600.0
     """Give up after this time, seconds of wall clock; a batch that has begun is finished."""
     steady: bool = False
-    """Whether a plan counts only if its steps are robust (`validation.are_robust`); otherwise the
-    search drops the first that is not, and all that follows."""
+    """Whether the first plan counts only if its steps are robust (`validation.are_robust`);
+    otherwise the search drops the first that is not, and all that follows. Later plans are judged
+    in worlds instead."""
     margin: float = 0.0
     """Least length of a segment that an expansion leaves, metres, unless one was shorter before; 0
     is the paper."""

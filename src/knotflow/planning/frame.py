@@ -31,6 +31,10 @@ class Frame:
     height: float = 0.0
     unit: str = "m"
 
+    def __post_init__(self) -> None:
+        if self.unit not in METRES:
+            raise ValueError(f"unknown unit {self.unit!r}; there are {', '.join(METRES)}")
+
     def to_file(self, points: ArrayLike) -> Floats:
         """Points (..., 3) of the plan in the file's frame and unit."""
         raised = np.asarray(points, float) + [0.0, 0.0, self.height]

@@ -283,7 +283,7 @@ class KnotPlan:
             return cls._parse(data)
         except KeyError as error:
             raise PlanFormatError(f"the plan has no {error}") from None
-        except (TypeError, ValueError, AttributeError, RecursionError) as error:
+        except (TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
             raise PlanFormatError(f"the plan cannot be read: {error}") from error
 
     @classmethod
@@ -306,7 +306,8 @@ class KnotPlan:
                     release_time=float(step["release_time_s"]),
                 )
             )
-            shape = steps[-1].end
+            if (shape := steps[-1].end).shape != start.shape:
+                raise ValueError(f"a step ends with a rope {shape.shape}, but starts {start.shape}")
         tried = [
             ExpansionStats(state(one.pop("state")), parse_action(one.pop("action")), **one)
             for one in data["tried"]

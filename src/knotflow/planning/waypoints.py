@@ -47,8 +47,8 @@ class GripperConfig:
     """Highest speed while it holds the rope, metres per second: where the simulated motion is
     faster, it is slowed as a whole. The default keeps the simulated timing."""
     lowest: float = 0.0
-    """Least height above the table, for fingers that reach beyond their tool point, metres. Drags
-    that come lower are raised as a whole."""
+    """Least height above the table while it drags, for fingers that reach beyond their tool point,
+    metres. Drags that come lower are raised as a whole."""
     close_time: float = 0.5
     """Time to close on the rope, seconds."""
     open_time: float = 0.5
@@ -64,7 +64,7 @@ class GripperConfig:
     def clear_of(self, shapes: Floats, radius: float) -> GripperConfig:
         """This configuration, its heights raised where ropes (..., V, 3) of a radius, metres, lie
         higher."""
-        least = _top(shapes, radius) + self.clearance
+        least = max(_top(shapes, radius) + self.clearance, self.lowest)
         approach, retreat = max(self.approach_height, least), max(self.retreat_height, least)
         return replace(self, approach_height=approach, retreat_height=retreat)
 
@@ -237,16 +237,14 @@ def _drag(step: Drag, rate_hz: float, speed: float) -> Floats:
     slope = np.gradient(gripper, step.times, axis=0)
     slope[[0, -1]] = 0.0  # it starts and ends at rest
     curve = CubicHermiteSpline(step.times, gripper, slope)
-    seconds = step.release_time
-    for _ in range(3):  # a finer look may find a slightly higher peak
-        count = _intervals(seconds, rate_hz)
+    count = _intervals(step.release_time, rate_hz)
+    while True:  # a finer look may find a slightly higher peak
         path: Floats = curve(np.linspace(0.0, step.release_time, count + 1))
         path[-1] = gripper[-1]  # where it lets go, whether or not a frame falls on that moment
         peak = float(np.linalg.norm(np.diff(path, axis=0), axis=1).max()) * rate_hz
         if peak <= speed:
-            break
-        seconds = count / rate_hz * peak / speed
-    return path
+            return path
+        count = max(count + 1, _intervals(count / rate_hz * peak / speed, rate_hz))
 
 
 def _move(begin: Floats, end: Floats, speed: float, rate_hz: float) -> Floats:

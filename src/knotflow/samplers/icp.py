@@ -40,6 +40,9 @@ class IcpConfig:
 class IcpSampler:
     """Splines from the interpolated Gaussian of an action's demonstrated configurations."""
 
+    capabilities: frozenset[str] = frozenset()
+    """None beside `sample`: nobody demonstrated how to undo or arrange."""
+
     def __init__(self, trials: Mapping[Action, Sequence[Trials]], config: IcpConfig) -> None:
         self.config = config
         fit = _fit_copies if config.authors else _fit

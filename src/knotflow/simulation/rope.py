@@ -74,6 +74,7 @@ class RopeConfig:
             raise ValueError(
                 f"a rope needs at least 4 links, and {MOST_LINKS} at most, got {self.links}"
             )
+        self.links = int(self.links)
         for name in ("length", "radius", "density"):
             if getattr(self, name) <= 0:
                 raise ValueError(f"a rope's {name} must be positive, got {getattr(self, name)}")
@@ -216,7 +217,8 @@ def build_model(
 def adapt_model(model: mujoco.MjModel, nominal: RopeConfig, rope: RopeConfig) -> mujoco.MjModel:
     """A copy of the nominal rope's model for one of other properties, as long and of as many links.
 
-    As `build_model` makes it, in a twentieth of the time; the rest pose stays the nominal rope's.
+    As `build_model` makes it, in a twentieth of the time; the rest pose and what limits the hinges
+    stay the nominal rope's.
     """
     import mujoco
 

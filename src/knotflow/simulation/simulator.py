@@ -57,7 +57,8 @@ class SimulationConfig:
     settle_time: float = 1.0
     """Longest time after release in which the rope comes to rest, seconds."""
     record_rate: float = 10.0
-    """Frames of a trajectory per second."""
+    """Frames of a trajectory per second. Whether a rope is at rest is looked at with a frame, so a
+    rate that does not divide 10 moves ends by a millimetre or two."""
     threads: int = field(default=0, metadata={"affects_result": False})
     """Threads to simulate on; 0 takes OMP_NUM_THREADS, or else every CPU."""
 

@@ -37,10 +37,14 @@ def perturb_rope(rope: RopeConfig, level: int, rng: np.random.Generator) -> Rope
     Raises:
         ValueError: for an unknown level.
     """
-    if level not in LEVELS:
-        raise ValueError(f"unknown level {level!r}; valid levels: {', '.join(map(str, LEVELS))}")
+    _check_level(level)
     factors = {name: np.exp(level * a * rng.uniform(-1, 1)) for name, a in EXPONENTS.items()}
     return replace(rope, **{name: getattr(rope, name) * f for name, f in factors.items()})
+
+
+def _check_level(level: int) -> None:
+    if level not in LEVELS:
+        raise ValueError(f"unknown level {level!r}; valid levels: {', '.join(map(str, LEVELS))}")
 
 
 def nearest_link(points: Floats, place: Floats) -> tuple[int, float]:
@@ -92,6 +96,7 @@ class WorldsConfig:
     """Standard deviation of the gripper's errors in x and y, metres; see `GRIPPER_ERROR_STD`."""
 
     def __post_init__(self) -> None:
+        _check_level(self.level)
         if not 0.0 < self.slowest <= self.fastest < np.inf:
             raise ValueError(
                 f"paces of worlds are above 0, the slowest first, got {self.slowest} and "

@@ -5,7 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from knotflow.simulation import ProportionsConfig, WorldsConfig
-from knotflow.topology import knot
+from knotflow.topology import TopologicalState, knot
+
+
+def _check_tied(name: str) -> None:
+    """Raises ValueError where there is no knot of this name, or nothing to tie in it."""
+    if TopologicalState.trivial() in knot(name):
+        raise ValueError(f"there is nothing to tie in the {name}")
 
 
 @dataclass
@@ -199,7 +205,7 @@ class JointConfig(EpisodesConfig):
     """The knot that episodes tie."""
 
     def __post_init__(self) -> None:
-        knot(self.goal)  # raises where there is none of that name
+        _check_tied(self.goal)
 
 
 @dataclass
@@ -234,7 +240,12 @@ class KnotsConfig(RopesConfig, EpisodesConfig):
 
     def __post_init__(self) -> None:
         for name in self.knots:
-            knot(name)
+            _check_tied(name)
+        if any(self.crossings_shares[:1]):
+            raise ValueError(
+                "the share of goals without crossings is 0, for there is nothing to tie, got "
+                f"{self.crossings_shares[0]:g}"
+            )
 
 
 @dataclass

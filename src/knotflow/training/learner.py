@@ -69,7 +69,7 @@ def explore(
     left = 1 + progress * (config.last - 1)
     searched = left * config.search if primitive.critic is not None else 0.0
     spread = left * config.spread
-    ways = rng.choice(3, len(encoded.frames), p=[1 - searched - spread, searched, spread])
+    ways = rng.choice(3, len(encoded.frames), p=[max(0.0, 1 - searched - spread), searched, spread])
     splines = torch.empty(len(ways), count, SPLINE)
 
     def search(

@@ -139,7 +139,8 @@ class SelfPlay(ManyRopes):
         return Sample(transition, 1.0, () if action is None else (action,))
 
     def samples(self, transition: Transition) -> Iterator[Sample]:
-        """Of acting, and, of arranging or a share of what failed, whether the state was kept."""
+        """Of acting, and, of arranging or a share of what failed, whether the state was kept; of
+        arranging that did the action instead, nothing."""
         arranging = transition.arranging
         if not arranging:
             yield self.sample(transition)

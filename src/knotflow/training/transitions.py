@@ -127,7 +127,9 @@ class TransitionTrainer(Trainer):
                 )
         self.simulator, self.config = simulator, config
         self.starts = starts or StartsConfig()
-        self.library = PrimitiveLibrary(library.primitives, library.trained_on, library.rope, True)
+        self.library = PrimitiveLibrary(
+            library.primitives, library.trained_on, library.rope, True, library.proportions
+        )
         self.rng = rng_of(seed, 0)
         self.buffers: dict[int, TransitionBuffer] = {}
         self._learners = {

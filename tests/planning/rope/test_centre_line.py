@@ -187,6 +187,13 @@ def test_column_over_says_which_strand_is_on_top(tmp_path):
         measured(tmp_path, table, "x,y,over")
 
 
+def test_crossings_that_are_given_count_for_a_rope_at_rest_too(tmp_path):
+    points = measured(tmp_path, line(LOOP, 120), diameter="10mm").points
+    assert state_of(measured(tmp_path, points, diameter="10mm")) == LOOP
+    given = measured(tmp_path, points, diameter="10mm", crossings="2o1+")
+    assert state_of(given) == TopologicalState.parse("2o1+")
+
+
 def test_strands_at_one_height_are_asked_for(tmp_path):
     points = line() * [1, 1, 0.05]
     with pytest.raises(

@@ -56,6 +56,8 @@ def test_tables_of_every_habit_hold_the_same_points(tmp_path, text):
         (rows().replace("0.", '"0.', 1), "line 1"),
         ("0,0,0\n", "1 points are too few"),
         ("x [in],y [in],z [in]\n" + rows(), r"has 'x \[in\]'; .*units are m, cm, mm"),
+        ("x_ft,y_ft,z_ft\n" + rows(), "has 'x_ft'; .*units are m, cm, mm"),
+        ("x_inches,y_inches,z_inches\n" + rows(), "has 'x_inches'; .*units are m, cm, mm"),
         ("x,y,z,x,y,z\n" + rows(), "names x twice"),
         ("nan,nan,nan\n" + rows(), "line 1: x is 'nan'"),
     ],

@@ -1,6 +1,7 @@
 """Ropes to tie, generated and from files."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,6 +75,17 @@ def test_npy_and_csv_agree(tmp_path):
     np.save(tmp_path / "rope.npy", bow(30))
     from_npy = read_rope(tmp_path / "rope.npy", ROPE)
     np.testing.assert_allclose(from_npy, read_rope(write(tmp_path, bow(30)), ROPE), atol=1e-12)
+
+
+@pytest.mark.parametrize("length", [0.04, 25.0])
+def test_a_rope_of_any_size_is_read_in_metres(tmp_path, length):
+    rope = replace(ROPE, length=length, radius=0.005 * length)
+    np.save(tmp_path / "rope.npy", straight(rope))
+    if length < 1:
+        np.testing.assert_allclose(read_rope(tmp_path / "rope.npy", rope), straight(rope))
+    else:
+        with pytest.raises(RopeInputError, match="splines"):
+            read_rope(tmp_path / "rope.npy", rope)
 
 
 def test_a_rope_of_the_model_stays_as_it_is(tmp_path):

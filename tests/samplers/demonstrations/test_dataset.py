@@ -72,6 +72,7 @@ def test_output_of_the_demonstrator_is_read(shipped, tmp_path):
         ({"action": "C(7,7,1)"}, r"line 1: no demonstrated action is called"),
         ({"spline": [2, 0, 0, 0.1, 0, 0]}, r"line 1: spline\[\] has grasp = 2"),
         ({"spline": [1, 2]}, r"line 1: splines have shape"),
+        ({"spline": [[0.5, 0, 0, 0.1, 0, 0]] * 2}, r"line 1: .* one spline, .* not \(2, 6\)"),
         ({"points": [[0, 0]]}, r"line 1: a rope shape is \(V, 3\) points"),
         ({"points": "here"}, r"line 1"),
         ({"source": None}, r"line 1: 'source' is missing"),

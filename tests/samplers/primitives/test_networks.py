@@ -85,6 +85,12 @@ def test_cross_entropy_finds_a_known_maximum_by_distinct_searches(full_covarianc
     assert len(found.unique(dim=0)) == 3
 
 
+def test_cross_entropy_of_fewer_splines_than_elites_is_refused():
+    first = Gaussian(torch.zeros(1, 6), torch.eye(6)[None])
+    with pytest.raises(ValueError, match="keeps 12 elites of a population of 8"):
+        cross_entropy(lambda splines: splines.sum(-1), first, torch.zeros(1, 1, 8, 6), elites=12)
+
+
 @pytest.mark.parametrize("iterations", [1, 3])
 def test_cross_entropy_returns_the_value_of_its_spline(iterations):
     """On a ring of good splines the elites' mean is a bad one."""

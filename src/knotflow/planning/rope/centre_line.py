@@ -103,9 +103,9 @@ class CentreLine:
         """
         scale = rope.length / float(arc_lengths(self.curve)[-1])
         curve = scale * (self.curve - [*self.middle, 0.0]) + [0.0, 0.0, rope.radius]
-        if rests(curve, rope):
-            return Fit(curve, np.zeros(len(curve)), True)
         try:
+            if rests(curve, rope) and TopologicalState.from_curve(curve) == self.state:
+                return Fit(curve, np.zeros(len(curve)), True)
             fit = fit_rope(curve[:, :2], self.later_over, rope)
             keeps = fit.keeps and TopologicalState.from_curve(fit.points) == self.state
         except DegenerateCurveError:

@@ -29,6 +29,7 @@ MAX_POINTS = 1001
 square."""
 
 _NAME = r"^([a-z]\w*?)[\s_]*(?:[\[(]?\s*(mm|cm|m)\s*[\])]?)?$"
+_OTHER_UNIT = r"[xyz]_(?:in|inch|inches|ft|feet|yd|nm|um|dm|km|px|pixels?)$"
 _LONG_UNITS = {r"millimet(?:er|re)s?": "mm", r"centimet(?:er|re)s?": "cm", r"met(?:er|re)s?": "m"}
 
 
@@ -195,7 +196,8 @@ def _read_csv(path: Path) -> RopeTable:
     if pd.to_numeric(first, errors="coerce").isna().all() and not first.eq("nan").any():
         first = first.replace(_LONG_UNITS, regex=True)
         header = first.str.extract(_NAME)
-        strange = first[header[0].isna() & first.str.match(r"(?:[xyz]|over)(?![a-z])", na=False)]
+        unread = header[0].isna() & first.str.match(r"(?:[xyz]|over)(?![a-z])", na=False)
+        strange = first[unread | first.str.match(_OTHER_UNIT, na=False)]
         if not strange.empty:
             raise RopeInputError(
                 f"{path}: its header has {strange.iloc[0]!r}; write x, y, z and over, with a unit "

@@ -130,7 +130,7 @@ def read_rope(path: Path, rope: RopeConfig) -> Floats:
     Raises:
         RopeInputError: an unreadable file, or a rope that the model cannot be or splines not reach.
     """
-    length, diameter = f"{rope.length:.9g}", f"{2 * rope.radius:.9g}"
+    length, diameter = f"{rope.length:.9g}m", f"{2 * rope.radius:.9g}m"
     line = CentreLine.of(read_table(path), RopeOptions(length=length, diameter=diameter))
     points: Floats = line.fit(rope).points + [*line.middle, 0.0]
     reach = float(SPLINE_HIGH[-1])

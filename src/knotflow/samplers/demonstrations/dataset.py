@@ -220,7 +220,10 @@ def _demonstration(row: Any) -> Demonstration:
         raise ValueError(f"who must be a name, got {who!r}")
     if when:
         datetime.fromisoformat(when)
-    return Demonstration(shown, points, check_splines(row["spline"]), row["source"], who, when)
+    spline = check_splines(row["spline"])
+    if spline.ndim != 1:
+        raise ValueError(f"a demonstration has one spline, of 6 numbers, not {spline.shape}")
+    return Demonstration(shown, points, spline, row["source"], who, when)
 
 
 def _line(one: Demonstration) -> str:

@@ -91,6 +91,9 @@ class PrimitiveConfig:
                 raise ValueError(
                     f"unknown {name} {value!r} of a primitive; there are {', '.join(known)}"
                 )
+        for name in ("iterations", "critic_only_iterations", "valued"):
+            if not (value := getattr(self.cem, name)) >= 1:
+                raise ValueError(f"cem.{name} of a primitive must be 1 or more, got {value}")
         smallest = min(self.cem.population, self.cem.critic_only_population)
         if not 0 < self.cem.elites <= smallest:
             raise ValueError(

@@ -285,6 +285,8 @@ def cross_entropy(
     Returns:
         A spline of each search (R, 6), and its value (R,).
     """
+    if not elites <= noise.shape[2]:
+        raise ValueError(f"a search keeps {elites} elites of a population of {noise.shape[2]}")
     for numbers in noise:
         splines = first.draw(numbers)  # (R, P, 6)
         values, order = score(splines).topk(elites, dim=1)
