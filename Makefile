@@ -85,7 +85,7 @@ smoke-all: $(VENV)/.installed  ## all experiments with small counts, and the rep
 report: $(VENV)/.package  ## reports/ from results/ alone
 	$(BIN)/python -m knotflow.report
 
-stale: $(VENV)/.package  ## committed results that today's code would not produce
+stale: $(VENV)/.installed  ## committed results that today's code would not produce
 	$(BIN)/knotflow report --check
 
 benchmark: $(VENV)/.package

@@ -1,6 +1,11 @@
 """The command of experiments: Hydra, and what it says when asked for something it has not."""
 
+from types import SimpleNamespace
+
 import pytest
+from hydra.types import RunMode
+
+from knotflow.__main__ import main
 
 
 @pytest.mark.slow
@@ -42,3 +47,16 @@ def test_configuration_is_shown_without_running(command, tmp_path):
     shown = command("--cfg", "job", "+experiment=knots", "planner=paper", results=tmp_path)
     assert "rule: paper" in shown.stdout
     assert not list(tmp_path.rglob("*"))
+
+
+@pytest.mark.parametrize(("mode", "ends"), [(RunMode.RUN, SystemExit), (RunMode.MULTIRUN, OSError)])
+def test_a_job_that_fails_ends_a_run_but_not_a_sweep(monkeypatch, capsys, mode, ends):
+    def run_experiment(*_):
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr("knotflow.experiments.run.run_experiment", run_experiment)
+    sweep = SimpleNamespace(mode=mode, overrides=SimpleNamespace(task=[]))
+    monkeypatch.setattr("knotflow.__main__.HydraConfig.get", lambda: sweep)
+    with pytest.raises(ends, match="the disk is full"):
+        main.__wrapped__(SimpleNamespace(workflow={"name": "knots"}))
+    assert (mode is RunMode.MULTIRUN) == ("error: the disk is full" in capsys.readouterr().err)

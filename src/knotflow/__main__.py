@@ -7,6 +7,7 @@ import sys
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from knotflow.experiments.config import HOME, experiments, register
@@ -27,10 +28,14 @@ def main(config: DictConfig) -> None:
     except KeyboardInterrupt as error:
         print(f"interrupted{notes(error)}", file=sys.stderr)
         sys.exit(130)
-    except (ValueError, RuntimeError, OSError, ModuleNotFoundError) as error:
+    except (ValueError, RuntimeError, OSError, ImportError) as error:
         if os.environ.get("HYDRA_FULL_ERROR") == "1":  # Hydra's own switch for a traceback
             raise
-        sys.exit(f"error: {error}{notes(error)}")
+        text = f"error: {error}{notes(error)}"
+        if HydraConfig.get().mode is not RunMode.MULTIRUN:
+            sys.exit(text)
+        print(text, file=sys.stderr)
+        raise  # the sweep's other jobs run first
 
 
 if __name__ == "__main__":

@@ -75,6 +75,15 @@ def test_a_job_of_a_sweep_runs_as_its_experiment_does(monkeypatch):
     assert how["name"] == "overhand" and how["overrides"] == []
 
 
+def test_a_value_that_is_the_default_is_called_so(monkeypatch, caplog):
+    monkeypatch.setattr(run, "run_workflow", lambda *_, **how: how["overrides"])
+    overrides = ["+experiment=knots", "knots.seed=20", "++workers.jobs=1", "++results_name=mine"]
+    with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
+        kept = run_experiment(hydra.compose("config", overrides=overrides), overrides)
+    assert kept == ["knots.seed=20"]
+    assert caplog.messages == ["knots.seed=20 changes nothing: it is the default"]
+
+
 def test_the_paper_is_the_experiments_that_the_report_says_are_its():
     assert sorted(swept("paper")) == sorted(section.experiment for section in PAPER)
 
@@ -182,6 +191,7 @@ def test_an_overhand_is_planned_into_its_folder(command, tmp_path):
     assert done.returncode == 0, done.stderr
     unused = re.findall("(.*) changes nothing: no stage of overhand takes it", done.stdout)
     assert unused == ["training=authors"]
+    assert "changes nothing: it is the default" not in done.stdout
     record = json.loads((tmp_path / "overhand" / "run.json").read_text())
     assert record["overrides"] == overrides
     assert not [*stale(tmp_path)]
@@ -230,6 +240,12 @@ def test_changed_shipped_weights_and_unknown_experiments_are_stale(results):
     file.write_text(json.dumps(run | {"ships": {}, "overrides": ["rope.root=head"]}))
     found = {one.where: one.reasons for one in stale(results)}
     assert "do not fit today's: Could not override 'rope.root'" in found["benchmark"][0]
+    file.write_text(json.dumps(run | {"ships": {}, "overrides": ["primitives=moved"]}))
+    shutil.copytree(results / "benchmark", results / "knots")
+    file = results / "knots" / "run.json"
+    file.write_text(file.read_text().replace('"workflow": "benchmark"', '"workflow": "knots"'))
+    found = {one.where: one.reasons for one in stale(results)}
+    assert "primitives=moved: there is no such file" in found["knots"][0]
 
 
 def test_results_of_other_values_are_compared_with_these(results):
@@ -250,6 +266,26 @@ def test_where_nothing_can_be_compared_nothing_is_called_current(results, tmp_pa
     (results / "benchmark" / "run.json").write_text('{"workflow": "benchmark", "stages": {}}')
     with pytest.raises(WorkflowError, match="benchmark/run.json: has no budget"):
         [*stale(results)]
+    (results / "benchmark" / "run.json").write_text("<<<<<<< HEAD")
+    with pytest.raises(WorkflowError, match="benchmark/run.json: cannot be read"):
+        [*stale(results)]
+
+
+def test_a_stage_that_is_new_and_a_library_that_is_not_installed_are_called_so(
+    results, monkeypatch
+):
+    file = results / "benchmark" / "run.json"
+    run = json.loads(file.read_text())
+    del run["stages"]["throughput"]
+    file.write_text(json.dumps(run))
+    installed = dependencies.minor_version
+    monkeypatch.setattr(
+        dependencies, "minor_version", lambda name: "" if name == "torch" else installed(name)
+    )
+    found = {one.where: one.reasons for one in stale(results)}
+    assert found["benchmark/throughput"] == ("not made yet",)
+    [torch] = found["benchmark/gradient_steps"]
+    assert torch.startswith("torch ") and torch.endswith(" -> not installed")
 
 
 NAMED = (

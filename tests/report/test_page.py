@@ -215,3 +215,24 @@ def test_a_folder_without_runs_leaves_the_pages_around_it(tmp_path, undrawn):
     (tmp_path / "tables").mkdir()
     make(tmp_path / "tables", tmp_path / "tables" / "reports")
     assert (tmp_path / "README.md").read_text() == shown
+
+
+def test_a_report_of_other_results_leaves_the_pages_around_it(write, tmp_path, undrawn):
+    (tmp_path / "README.md").write_text(shown := "<!-- state goals -->current<!-- / -->")
+    write.goals([("three", "1o2-", True, 1.0)])
+    write.root.rename(tmp_path / "mine")
+    make(tmp_path / "mine", tmp_path / "out")
+    assert (tmp_path / "README.md").read_text() == shown
+
+
+def test_tables_without_rows_are_shown_as_none(write, report):
+    write.table("mine", "counts.csv", ["goal", "tied"], [("overhand", "3 of 4")])
+    write.table("mine", "checks.csv", ["goal", "steady"], [])
+    text = report()
+    assert "| overhand | 3 of 4 |" in text and "steady" not in text
+
+
+def test_where_only_other_runs_are_not_everything_is_called_not_run(write, report):
+    write.table("knots-20", "knots.csv", ["goal", "tied"], [("overhand", "3 of 4")])
+    write.run("knots-20", {}, workflow="knots")
+    assert "Nothing has been run yet" not in report()

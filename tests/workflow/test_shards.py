@@ -76,3 +76,8 @@ def test_seconds_add_up_over_attempts(tmp_path):
     second = StageRun(tmp_path)
     second.load_seconds()
     assert second.seconds() > 0.02
+
+
+def test_a_table_of_nothing_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="rows.csv would have no rows"):
+        StageRun(tmp_path).table("rows.csv", lambda name: None, [], "rows")

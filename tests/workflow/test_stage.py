@@ -73,3 +73,14 @@ def test_identity_counts_arguments_inputs_and_modules_of_values(monkeypatch):
     assert identity != one.identity(arguments, {"source": "other"})
     monkeypatch.setattr(Part, "modules", lambda self: ("knotflow.planning.tree",), raising=False)
     assert "planning" in one.identity(arguments, {"source": "abc"})["components"]
+
+
+def test_identity_counts_the_contents_of_files_that_arguments_name(tmp_path):
+    file, one = tmp_path / "rope.csv", get_stage("toy_sum")
+    arguments = {"cases": [{"goal": "overhand", "start": str(file)}]}
+    absent = one.identity(arguments, {})
+    assert "files" not in absent
+    file.write_text("0,0,0")
+    first = one.identity(arguments, {})
+    file.write_text("1,0,0")
+    assert absent != first != one.identity(arguments, {})

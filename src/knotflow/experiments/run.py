@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import pkgutil
 import re
@@ -27,11 +26,12 @@ from knotflow.workflow import (
     run_workflow,
 )
 from knotflow.workflow.key import digest
+from knotflow.workflow.run import read_run
 from knotflow.workflow.stage import STAGES
 
 log = logging.getLogger(__name__)
 _ELSEWHERE = re.compile(
-    r"\+?(experiment|workflows@workflow|budget|results_dir|results_name)=|\+?(workers|hydra)\b"
+    r"\+{0,2}((experiment|workflows@workflow|budget|results_dir|results_name)=|(workers|hydra)\b)"
 )
 """Overrides that no stage takes."""
 
@@ -50,7 +50,10 @@ def run_experiment(config: DictConfig, overrides: Iterable[str] = ()) -> Path:
     kept = [one for one in overrides if not _ELSEWHERE.match(one)]
     for one in kept if GlobalHydra.instance().is_initialized() else ():
         others = [other for other in overrides if other != one]
-        if workflow_of(hydra.compose("config", overrides=others)) == workflow:
+        without = hydra.compose("config", overrides=others)
+        if without == config:
+            log.warning("%s changes nothing: it is the default", one)
+        elif workflow_of(without) == workflow:
             log.warning("%s changes nothing: no stage of %s takes it", one, workflow.name)
     return run_workflow(
         workflow,
@@ -103,7 +106,7 @@ def stale(results_dir: Path) -> Iterator[Stale]:
     if not (files := sorted(results_dir.glob("*/run.json"))):
         raise WorkflowError(f"{results_dir}: there is no */run.json, nothing to compare")
     for file in files:
-        run = json.loads(file.read_text("utf-8"))
+        run = read_run(file)
         if not {"budget", "stages"} <= run.keys():
             raise WorkflowError(f"{file}: has no budget or no stages, and is no run's")
         experiment = run.get("workflow", file.parent.name)
@@ -115,7 +118,7 @@ def stale(results_dir: Path) -> Iterator[Stale]:
             overrides += run.get("overrides", [])
             try:
                 workflow = workflow_of(hydra.compose("config", overrides=overrides))
-            except HydraException as error:
+            except (HydraException, WorkflowError) as error:
                 reason = str(error).splitlines()[0]
                 yield Stale(file.parent.name, (f"its options do not fit today's: {reason}",))
                 continue
@@ -131,6 +134,8 @@ def stale(results_dir: Path) -> Iterator[Stale]:
 
 def _differences(made: dict[str, Any], now: dict[str, Any]) -> list[str]:
     """What differs between how a stage was made and how it would be made now, in words."""
+    if not made:
+        return ["not made yet"]
     if "key" not in made:
         return ["made before keys were complete"]
     found = ["the stage's code"] if made.get("code") != now["code"] else []
@@ -139,5 +144,6 @@ def _differences(made: dict[str, Any], now: dict[str, Any]) -> list[str]:
         for name in sorted({*before, *after}):
             old, new = before.get(name), after.get(name)
             if old != new:
-                found.append(f"input {name}" if part == "inputs" else f"{name} {old} -> {new}")
+                now_ = "not installed" if new == "" else new
+                found.append(f"input {name}" if part == "inputs" else f"{name} {old} -> {now_}")
     return found or ["arguments"]

@@ -41,7 +41,7 @@ def make(results_folder: Path, out: Path | None = None) -> list[Path]:
     """Write report.md and figures/ into `out`, reports/X for results/X by default, from
     `results_folder` alone.
 
-    Numbers of README.md and docs/ beside a results folder with runs are written anew as well. The
+    Numbers of README.md and docs/ beside a folder `results` with runs are written anew as well. The
     same results give the same bytes. Nothing is written before everything could be made.
 
     Returns:
@@ -57,7 +57,9 @@ def make(results_folder: Path, out: Path | None = None) -> list[Path]:
     written = {out / "report.md": text.encode()}
     folder = out / "figures"
     written |= {folder / f"{name}.png": png for name, png in figures.made.items()}
-    around = pages(results) if any(one.run for one in results.experiments.values()) else {}
+    published = results_folder.resolve().name == "results"
+    published &= any(one.run for one in results.experiments.values())
+    around = pages(results) if published else {}
     folder.mkdir(parents=True, exist_ok=True)
     earlier = (out / "report.md").read_text("utf-8") if (out / "report.md").is_file() else ""
     for name in set(OWN.findall(earlier)):
@@ -100,7 +102,7 @@ def compose(results: Results, figures: Figures) -> str:
         link=figures.link,
         open=_open(results, sections),
         notices=md.join(
-            "" if any(found.values()) else NOT_RUN,
+            "" if any(one.tables for one in results.experiments.values()) else NOT_RUN,
             f"> **Not the paper's counts.** {md.listed(smaller)} ran with a smaller budget: the "
             "numbers show that the chain works from end to end and decide no claim."
             if smaller

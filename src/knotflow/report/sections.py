@@ -32,7 +32,7 @@ def plain(experiment: str, results: Results, _: Figures) -> Parts:
         raise NotMeasured(f"needs tables in {experiment}")
     tables = []
     for path in found.tables:
-        table = read_table(path)
+        table = read_table(path, may_be_empty=True)
         rows = table.head(ROWS_SHOWN).to_dict("records")
         more = f", the first {len(rows)} of {len(table)} rows" if len(table) > len(rows) else ""
         tables.append(md.table(rows, f"**{path.name}**{more}:"))

@@ -30,7 +30,8 @@ from knotflow.workflow.store import StageFolder
 from knotflow.workflow.workflow import Node, Source, Workflow
 
 CONFIG, RUN = "config.yaml", "run.json"
-GENERATED = ("results", "reports")  # made by runs themselves: they do not make the code dirty
+GENERATED = ("results", "reports", "README.md", "docs")
+"""Made by runs and reports themselves: they do not make the code dirty."""
 PUBLISHED = "key code components libraries inputs seconds cpus commit dirty versions".split()
 """What run.json keeps of the record of a stage."""
 POLL = 0.2
@@ -115,7 +116,7 @@ def _check_folder(folder: Path, name: str, workflow: Workflow) -> None:
     if Path(name).name != name or name in ("stages", ".."):
         raise WorkflowError(f"results_name={name}: it is the name of a folder, and not stages")
     if (run := folder / RUN).is_file():
-        other = json.loads(run.read_text("utf-8")).get("workflow", workflow.name)
+        other = read_run(run).get("workflow", workflow.name)
         if other != workflow.name:
             raise WorkflowError(
                 f"{folder} has results of {other}, which those of {workflow.name} would replace: "
@@ -190,7 +191,7 @@ def publish(
     """Copy the results, then write config.yaml and run.json; what earlier runs made else, goes."""
     folder.mkdir(parents=True, exist_ok=True)
     store.remove_abandoned(folder)
-    earlier = json.loads(run.read_text("utf-8")) if (run := folder / RUN).is_file() else {}
+    earlier = read_run(run) if (run := folder / RUN).is_file() else {}
     for name in {*earlier.get("results", ())} - {*workflow.results}:
         store.remove(folder / name)
     for target, (node, path) in workflow.results.items():
@@ -216,6 +217,18 @@ def publish(
     results = {name: f"{node}/{path}" for name, (node, path) in workflow.results.items()}
     head = {**head, "workflow": workflow.name, "caption": workflow.caption}
     store.write_json(folder / RUN, {**head, "stages": stages, "results": results, "ships": ships})
+
+
+def read_run(file: Path) -> dict[str, Any]:
+    """What run.json says.
+
+    Raises:
+        WorkflowError: it is no JSON object.
+    """
+    try:
+        return dict(json.loads(file.read_text("utf-8")))
+    except (TypeError, ValueError) as error:
+        raise WorkflowError(f"{file}: cannot be read ({error}); run the experiment again") from None
 
 
 def _existing(path: Path, node: str) -> Path:

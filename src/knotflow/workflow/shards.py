@@ -105,9 +105,12 @@ class StageRun:
         join the table as they are written there.
 
         Raises:
-            ValueError: a name occurs twice.
+            ValueError: a name occurs twice, or there is none.
         """
         import pandas as pd  # takes half a second
+
+        if not names:
+            raise ValueError(f"{file} would have no rows: the counts ask for nothing")
 
         def make(part: str) -> None:
             self.save_table(f"{part}.csv", work(part.removeprefix(f"{store.ROWS}/")))

@@ -10,7 +10,7 @@ A parameter of type `Path` is an input: the output folder of another stage, or a
 the user's. `Path | None` is one that may be absent, `Mapping[str, Path]` several by name. All other
 parameters are arguments; their types are those of an OmegaConf structured config. A value with a
 method `modules()` names modules that it will load, whose versions then count; one with a method
-`inputs()` names the optional inputs that it needs.
+`inputs()` names the optional inputs that it needs. Where a text names a file, its contents count.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from __future__ import annotations
 import copy
 import dataclasses
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
+from os.path import isfile
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -33,7 +34,7 @@ from knotflow.workflow.dependencies import (
     library_versions,
     stage_code,
 )
-from knotflow.workflow.key import plain
+from knotflow.workflow.key import digest, plain
 
 Function = TypeVar("Function", bound=Callable[..., None])
 OPTIONAL, SEVERAL = Path | None, Mapping[str, Path]
@@ -108,13 +109,16 @@ class Stage:
         loaded = {name for value in arguments.values() for name in named_by(value, "modules")}
         code = stage_code(self.function)
         modules = code.modules | loaded
+        values = plain(arguments)
+        files = {one: digest(Path(one)) for one in sorted({*_words(values)}) if isfile(one)}
         return {
             "stage": self.name,
-            "arguments": plain(arguments),
+            "arguments": values,
             "inputs": plain(inputs),
             "code": code.digest,
             "components": {**component_versions(modules), **file_digests(loaded)},
             "libraries": library_versions(modules),
+            **({"files": files} if files else {}),
         }
 
 
@@ -152,6 +156,15 @@ def named_by(value: Any, method: str) -> tuple[str, ...]:
     """The modules that an argument's value loads (`modules`), the inputs it needs (`inputs`)."""
     named = getattr(value, method, None)
     return tuple(named()) if callable(named) else ()
+
+
+def _words(value: Any) -> Iterator[str]:
+    """All texts in plain data, of which some may name a file."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, list | dict):
+        for one in value.values() if isinstance(value, dict) else value:
+            yield from _words(one)
 
 
 def _explain(error: Exception) -> str:

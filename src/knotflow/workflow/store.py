@@ -5,7 +5,8 @@
     results/stages/<stage>/<key>.lock       held by the process that makes it
 
 Every file appears by renaming, and a finished folder too, so a kill at any time costs no more than
-what was being written. Recordings of a finished folder may be deleted, unless a stage reads them.
+what was being written. Recordings of a finished folder may be deleted, unless a stage reads them or
+they are results.
 """
 
 from __future__ import annotations
