@@ -87,6 +87,7 @@ report: $(VENV)/.package  ## reports/ from results/ alone
 
 stale: $(VENV)/.installed  ## committed results that today's code would not produce
 	$(BIN)/knotflow report --check
+	$(BIN)/knotflow report --check --results results/afternoon
 
 benchmark: $(VENV)/.package
 	$(BIN)/python -m knotflow +experiment=benchmark

@@ -50,6 +50,11 @@ PATIENCE = float(os.environ.get("PATIENCE", "60"))
 fails soon. On a busy machine, set the environment variable higher."""
 
 
+FRAMES = """
+window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 200);
+window.cancelAnimationFrame = clearTimeout;
+"""
+"""Ten frames a second: viser draws as often as it may, and rendering in software takes a core."""
 DROP = """(box, [content, name]) => {
   const bytes = Uint8Array.from(atob(content), (one) => one.charCodeAt(0));
   const dropped = new DataTransfer();
@@ -253,6 +258,7 @@ def person(browser, tmp_path):
         # Shaders are compiled in software: with shadows and reflections that takes seconds.
         studio.server.scene.configure_environment_map(None)
         studio.server.scene.configure_default_lights(cast_shadow=False)
+        page.add_init_script(FRAMES)
         someone = Person(page, studio)
         someone.arrive()
         yield someone
