@@ -144,6 +144,6 @@ def _differences(made: dict[str, Any], now: dict[str, Any]) -> list[str]:
         for name in sorted({*before, *after}):
             old, new = before.get(name), after.get(name)
             if old != new:
-                now_ = "not installed" if new == "" else new
-                found.append(f"input {name}" if part == "inputs" else f"{name} {old} -> {now_}")
+                change = f"{name} {old} -> {'not installed' if new == '' else new}"
+                found.append(f"input {name}" if part == "inputs" else change)
     return found or ["arguments"]

@@ -87,7 +87,7 @@ def run_workflow(
         return False
 
     while waiting:
-        _once_free(make_next, lambda: f"it makes {folders[waiting[0]].relative}")
+        _once_free(make_next, f"it makes {folders[waiting[0]].relative}")
     head = {"experiment": name, "budget": budget, "overrides": [*overrides]}
 
     def publish_all() -> bool:
@@ -96,19 +96,18 @@ def run_workflow(
                 publish(workflow, folder, folders, records, head)
             return held
 
-    _once_free(publish_all, lambda: f"it publishes {name}")
+    _once_free(publish_all, f"it publishes {name}")
     seconds = sum(record.get("seconds", 0.0) for record in records.values())
     log.info("%s: finished, %.0f s in all; results in %s", name, seconds, folder)
     return folder
 
 
-def _once_free(work: Callable[[], bool], waiting: Callable[[], str]) -> None:
+def _once_free(work: Callable[[], bool], waiting: str) -> None:
     """Do `work`, which another process may have in hand, as soon as it can be done."""
-    told = False
+    if work():
+        return
+    print(f"waiting for another process: {waiting}", flush=True)
     while not work():
-        if not told:
-            print(f"waiting for another process: {waiting()}", flush=True)
-        told = True
         time.sleep(POLL)
 
 

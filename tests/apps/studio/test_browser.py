@@ -51,7 +51,7 @@ fails soon. On a busy machine, set the environment variable higher."""
 
 
 FRAMES = """
-window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 200);
+window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 100);
 window.cancelAnimationFrame = clearTimeout;
 """
 """Ten frames a second: viser draws as often as it may, and rendering in software takes a core."""
