@@ -248,6 +248,16 @@ def test_changed_shipped_weights_and_unknown_experiments_are_stale(results):
     assert "primitives=moved: there is no such file" in found["knots"][0]
 
 
+def test_what_ships_is_not_of_another_budget(results):
+    workflow, file = bound("benchmark", "afternoon"), results / "benchmark" / "run.json"
+    run = json.loads(file.read_text()) | {"budget": "afternoon"}
+    run["ships"] = {"samplers/primitives/data": {"node": "throughput", "digest": "0" * 16}}
+    for name, made in run["stages"].items():
+        made["key"] = workflow.keys[name]
+    file.write_text(json.dumps(run))
+    assert not [*stale(results)]
+
+
 def test_results_of_other_values_are_compared_with_these(results):
     file = results / "benchmark" / "run.json"
     run = json.loads(file.read_text())

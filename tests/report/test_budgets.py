@@ -53,7 +53,7 @@ def test_times_and_figures_of_both_budgets_are_side_by_side(write):
     assert "| experiment | stages | time | in an afternoon |" in text
     assert "| `goals` | 1 | 1 h 30 min | 10 min 0 s |" in text
     assert "| `knots` | 1 | 30 s | – |" in text
-    assert "By `budget=afternoon` all took 10 min 0 s in 1 stages: others 10 min 0 s." in text
+    assert "By `budget=afternoon` 1 of 2 took 10 min 0 s in 1 stages: others 10 min 0 s." in text
     rows = in_an_afternoon(Results(write.root)).splitlines()
     states = [row for row in rows if row.startswith("| [Which states]")]
     assert [row.split(" | ")[1:] for row in states] == [

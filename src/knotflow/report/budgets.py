@@ -28,7 +28,10 @@ def timing(results: Results) -> str:
     if spent.empty:
         return "No run has recorded its stages yet."
     shorter = results.afternoon
-    times = {"time": spent} | ({BUDGETS[1]: _times(shorter)} if shorter else {})
+    times, both = {"time": spent}, ""
+    if shorter:
+        less = times[BUDGETS[1]] = _times(shorter)
+        both = f" By `budget=afternoon` {len(less)} of {len(spent)} took {_summed(less)}."
     rows = [
         {"experiment": f"`{name}`", "stages": str(row.stages)}
         | {
@@ -39,8 +42,7 @@ def timing(results: Results) -> str:
     ]
     return md.join(
         f"All experiments took {_summed(spent)}. Times are wall-clock; a stage that several "
-        "experiments share is counted once, with the first."
-        + (f" By `budget=afternoon` all took {_summed(times[BUDGETS[1]])}." if shorter else ""),
+        "experiments share is counted once, with the first." + both,
         md.table(rows),
     )
 
