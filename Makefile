@@ -31,9 +31,9 @@ $(VENV)/.docs: $(VENV)/.package
 
 .PHONY: run test quick check coverage docs lock lock-check dist smoke smoke-all report stale benchmark
 
-# Three workers with one thread each, as the browser is waited for; the tests of a file share fixtures, so they stay on one worker.
+# Two workers with one thread each; the tests of a file share fixtures, so they stay on one worker.
 # Compiled tests are kept, else every worker would compile all of them.
-PYTEST = OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+PYTEST = OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 run: $(VENV)/.package  ## plan an overhand in a random rope, with the shipped primitives
 	$(BIN)/knotflow plan overhand
