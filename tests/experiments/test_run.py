@@ -212,6 +212,17 @@ def results(tmp_path):
     return tmp_path
 
 
+SHIPS = {"samplers/primitives/data": {"node": "throughput", "digest": "0" * 16}}
+"""Weights that are not those in the package."""
+
+
+def run_with_keys_of(workflow, file):
+    run = json.loads(file.read_text())
+    for name, made in run["stages"].items():
+        made["key"] = workflow.keys[name]
+    return run
+
+
 def test_todays_results_are_not_stale(results):
     assert not [*stale(results)]
 
@@ -234,7 +245,7 @@ def test_changed_shipped_weights_and_unknown_experiments_are_stale(results):
     file.write_text(file.read_text().replace('"workflow": "benchmark"', '"workflow": "gone"'))
     file = results / "benchmark" / "run.json"
     run = json.loads(file.read_text())
-    run["ships"] = {"samplers/primitives/data": {"node": "throughput", "digest": "0" * 16}}
+    run["ships"] = SHIPS
     file.write_text(json.dumps(run))
     assert {one.where for one in stale(results)} == {"gone", "samplers/primitives/data"}
     file.write_text(json.dumps(run | {"ships": {}, "overrides": ["rope.root=head"]}))
@@ -249,21 +260,16 @@ def test_changed_shipped_weights_and_unknown_experiments_are_stale(results):
 
 
 def test_what_ships_is_not_of_another_budget(results):
-    workflow, file = bound("benchmark", "afternoon"), results / "benchmark" / "run.json"
-    run = json.loads(file.read_text()) | {"budget": "afternoon"}
-    run["ships"] = {"samplers/primitives/data": {"node": "throughput", "digest": "0" * 16}}
-    for name, made in run["stages"].items():
-        made["key"] = workflow.keys[name]
-    file.write_text(json.dumps(run))
+    file = results / "benchmark" / "run.json"
+    run = run_with_keys_of(bound("benchmark", "afternoon"), file)
+    file.write_text(json.dumps(run | {"budget": "afternoon", "ships": SHIPS}))
     assert not [*stale(results)]
 
 
 def test_results_of_other_values_are_compared_with_these(results):
     file = results / "benchmark" / "run.json"
-    run = json.loads(file.read_text())
     workflow = workflow_of(composed("+experiment=benchmark", "benchmark.rollouts=7"))
-    for name, made in run["stages"].items():
-        made["key"] = workflow.keys[name]
+    run = run_with_keys_of(workflow, file)
     file.write_text(json.dumps(run))
     assert [one.where for one in stale(results)] == ["benchmark/throughput"]
     file.write_text(json.dumps(run | {"overrides": ["benchmark.rollouts=7"]}))
