@@ -27,7 +27,8 @@ def knotflow(*arguments, module="knotflow"):
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
-    done = knotflow("+experiment=single_stage", "budget=smoke", f"results_dir={folder}")
+    asked = ["+experiment=single_stage", "budget=smoke", f"results_dir={folder}"]
+    done = knotflow(*asked, "workers.jobs=1")  # other tests run beside it
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 

@@ -20,16 +20,17 @@ EXPERIMENTS = [name for name in experiments() if name not in ("everything", "pap
 
 
 @cache
-def all_workflows(budget):
-    """The root configuration with the workflow of every experiment, by its name."""
+def all_workflows(*overrides):
+    """A root configuration, and the workflow of every experiment, by its name."""
     every = (f"+workflows@workflow.{name}={name}" for name in EXPERIMENTS)
-    return composed(f"budget={budget}", *every)
+    config = composed(*overrides, *every)
+    return config, dict(config.workflow.items())
 
 
 @cache
-def bound(experiment, budget):
-    config = all_workflows(budget).copy()
-    config.workflow = config.workflow[experiment]
+def bound(experiment, budget, *overrides):
+    config, workflows = all_workflows(f"budget={budget}", *overrides)
+    config.workflow = workflows[experiment]
     return workflow_of(config)
 
 
@@ -315,7 +316,7 @@ NAMED = (
 
 @pytest.mark.parametrize("experiment", NAMED)
 def test_rows_of_primitives_are_of_primitives_whatever_the_group(experiment):
-    nodes = workflow_of(composed(f"+experiment={experiment}", "sampler=random")).nodes
+    nodes = bound(experiment, "paper", "sampler=random").nodes
     own = [
         one for one in nodes.values() if "sampler" in one.arguments and "primitives" in one.inputs
     ]
@@ -327,11 +328,10 @@ def test_rows_of_primitives_are_of_primitives_whatever_the_group(experiment):
 @pytest.mark.parametrize("sampler", ["aimed", "icp", "icp_authors", "random"])
 @pytest.mark.parametrize("experiment", ["actions", "goals", "knots", "overhand", "tree_size"])
 def test_a_sampler_binds_with_its_inputs_or_is_refused(experiment, sampler):
-    config = composed(f"+experiment={experiment}", f"sampler={sampler}")
     if sampler.startswith("icp") and experiment != "tree_size":
         with pytest.raises(WorkflowError, match="demonstrations"):
-            workflow_of(config)
+            bound(experiment, "paper", f"sampler={sampler}")
         return
-    for node in workflow_of(config).nodes.values():
+    for node in bound(experiment, "paper", f"sampler={sampler}").nodes.values():
         if "primitives" in node.stage.inputs and "sampler" in node.arguments:
             assert {*node.arguments["sampler"].inputs()} <= node.inputs.keys(), node.name

@@ -82,6 +82,11 @@ class Stage:
                 fields.append((name, kind, dataclasses.field(default_factory=factory)))
         return dataclasses.make_dataclass(self.name, fields, kw_only=True)
 
+    @cached_property
+    def _bound(self) -> dict[str, Any]:
+        """What was bound, by its values: nodes of a matrix, and experiments, share most of it."""
+        return {}
+
     @property
     def arguments(self) -> list[str]:
         """The parameters that are not inputs."""
@@ -93,12 +98,14 @@ class Stage:
         Raises:
             WorkflowError: a value is missing, of the wrong type, or has an unknown key.
         """
-        layers = [{name: one} for name, several in values.items() for one in several]
-        try:
-            merged = OmegaConf.merge(OmegaConf.structured(self._schema), *layers)
-            bound = OmegaConf.to_object(merged)
-        except (OmegaConfBaseException, TypeError, ValueError) as error:
-            raise WorkflowError(_explain(error)) from error
+        if (asked := repr(values)) not in self._bound:
+            layers = [{name: one} for name, several in values.items() for one in several]
+            try:
+                merged = OmegaConf.merge(OmegaConf.structured(self._schema), *layers)
+                self._bound[asked] = OmegaConf.to_object(merged)
+            except (OmegaConfBaseException, TypeError, ValueError) as error:
+                raise WorkflowError(_explain(error)) from error
+        bound = copy.deepcopy(self._bound[asked])
         return {name: getattr(bound, name) for name in self.arguments}
 
     def identity(self, arguments: Mapping[str, Any], inputs: Mapping[str, Any]) -> dict[str, Any]:

@@ -40,6 +40,7 @@ FLAGS = (
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
+    "--disable-gpu-compositing",
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -105,7 +106,7 @@ class Person:
         pressed = time.monotonic()
         while done is not None and not done():
             assert time.monotonic() < self.end, f"waited in vain for {name}"
-            self.page.wait_for_timeout(100)
+            self.page.wait_for_timeout(50)
             if time.monotonic() > pressed + 10:
                 button.click(force=True)
                 pressed = time.monotonic()
@@ -130,8 +131,10 @@ class Person:
         while box.input_value() != option:  # a redrawn panel loses clicks and closes lists
             assert time.monotonic() < self.end, f"waited in vain for {label}: {option}"
             with suppress(playwright.TimeoutError):
-                (wanted if wanted.is_visible() else box).click(force=True, timeout=2000)
-            self.page.wait_for_timeout(300)
+                if not wanted.is_visible():
+                    box.click(force=True, timeout=2000)
+                wanted.click(force=True, timeout=2000)
+            self.wait(lambda: box.input_value() == option, 0.3)
 
     def texts(self):
         handles = self.studio.server.gui._gui_input_handle_from_uuid.values()
@@ -141,7 +144,7 @@ class Person:
         """Where a place (3,) in the world is to be seen on the page, once viser's notice of slow
         rendering, which lies over the canvas, is closed."""
         for notice in self.page.locator(".mantine-Notification-closeButton").all():
-            with suppress(playwright.TimeoutError):  # it has closed by itself
+            with suppress(playwright.Error):  # it closes by itself
                 notice.click(force=True, timeout=2000)
         camera = camera_of(self)
         turn = viser.transforms.SO3(np.asarray(camera.wxyz)).inverse()
@@ -184,13 +187,13 @@ class Person:
         begun = time.monotonic()
         while not done() and time.monotonic() < begun + seconds:
             assert time.monotonic() < self.end, "waited in vain"
-            self.page.wait_for_timeout(100)
+            self.page.wait_for_timeout(50)
 
     def until(self, done, what):
         """Wait for the studio to know."""
         while not done():
             assert time.monotonic() < self.end, f"waited in vain for: {what}"
-            self.page.wait_for_timeout(100)
+            self.page.wait_for_timeout(50)
 
     def demonstrate(self, spline):
         """Three clicks for the action that is chosen, and simulate."""
@@ -355,15 +358,17 @@ def test_a_dropped_photograph_is_corrected_and_laid(person, tmp_path):
         x, y = (pixel - (low + high) / 2) / length * [1, -1]
         return x, y, 0.003
 
-    length, before, state = photo.found.length, photo.found, photo.state
+    length, state = photo.found.length, photo.state
     handle = photo.found.pixels[photo.handles[5]]
-    while photo.found is before:  # what is dragged before it is drawn is lost
-        person.drag(on_table(handle), on_table(handle + [1, 4]))
 
-    def is_dragged():  # the last of its moves may be on their way
+    def is_dragged():
         return np.linalg.norm(photo.found.pixels - handle - [1, 4], axis=1).min() < 1
 
-    person.until(is_dragged, "the line where it was dragged to")
+    while not is_dragged():  # what is dragged while it is drawn is lost, or its last moves are
+        handles = photo.found.pixels[photo.handles]
+        nearest = handles[np.linalg.norm(handles - handle, axis=1).argmin()]
+        person.drag(on_table(nearest), on_table(handle + [1, 4]))
+        person.wait(is_dragged, 2.0)
     person.rest()
     while photo.state == state:  # a click is lost, too
         person.click_at(on_table(photo.places[0]))
