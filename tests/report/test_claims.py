@@ -223,6 +223,9 @@ def test_actor_and_critic(write, rate_counts):
     write.table("ablation_actor_critic", "curves.csv", columns, rows)
     reason = CLAIMS[6][1].reason(Results(write.root))
     assert "from 40 to 10 points on `C(2,0,1)` and from 40 to 10" in reason
+    rows = [row for row in rows if row[0] != "critic_only" or row[3] != "policy_success/C(2,4,1)"]
+    write.table("ablation_actor_critic", "curves.csv", columns, rows)
+    assert CLAIMS[6][1].reason(Results(write.root)) == ""  # too few rounds for every action
 
 
 @pytest.mark.parametrize(

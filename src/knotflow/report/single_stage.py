@@ -316,14 +316,18 @@ def together_best(results: Results) -> Judgement:
 @optional
 def how_the_critic_catches_up(results: Results) -> str:
     """Gaps to the critic alone where the paper's are widest, early and late in reinforcement; ''
-    without learning curves."""
+    where no learning curve has both."""
     columns = {"method": str, "training_seed": str, "step": int, "metric": str, "value": float}
     curves = results.table(ABLATION, "curves.csv", columns, key=[*columns][:-1])
     parts = []
     for action in PAPER_WIDEST:
         own = curves[curves["metric"] == f"{POLICY_SUCCESS}/{action}"]
-        rates = own.groupby(["step", "method"])["value"].mean().unstack()
-        gap = 100 * (rates[PART_NAMES[2]] - rates[PART_NAMES[1]])
+        rates = (
+            own.groupby(["step", "method"])["value"].mean().unstack().reindex(columns=PART_NAMES)
+        )
+        gap = (100 * (rates[PART_NAMES[2]] - rates[PART_NAMES[1]])).dropna()
+        if gap.empty:
+            raise NotMeasured(f"needs trials of {action} by both in {ABLATION}")
         early, late = gap.head(EITHER_END).mean(), gap.tail(EITHER_END).mean()
         parts.append(f"from {early:.0f} to {late:.0f} points on `{action}`")
     return (
