@@ -322,9 +322,7 @@ def how_the_critic_catches_up(results: Results) -> str:
     parts = []
     for action in PAPER_WIDEST:
         own = curves[curves["metric"] == f"{POLICY_SUCCESS}/{action}"]
-        rates = (
-            own.groupby(["step", "method"])["value"].mean().unstack().reindex(columns=PART_NAMES)
-        )
+        rates = own.pivot_table("value", "step", "method").reindex(columns=PART_NAMES)
         gap = (100 * (rates[PART_NAMES[2]] - rates[PART_NAMES[1]])).dropna()
         if gap.empty:
             raise NotMeasured(f"needs trials of {action} by both in {ABLATION}")
